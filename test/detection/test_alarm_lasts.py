@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fed import Fed
+from made import PAPER, SECOND, stamps_of
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, health
 from hunt_ros.detection.decision.states import CYCLE_S
@@ -16,18 +17,15 @@ from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import Series, Uncertain
 
-PAPER = IdentifiedNormalForm(PAPER_NORMAL_FORM)
 #: Frequency of the paper's form, Hz.
 HUNTING_HZ = PAPER_NORMAL_FORM.frequency_hz
-SECOND = 1_000_000_000
 
 
 def motion(amplitude_m: np.ndarray, rate_hz: float = 200.0, start_s: float = 0.0) -> Series:
     """Return a lateral motion at the hunting frequency whose amplitude is given per sample."""
     t = start_s + (np.arange(amplitude_m.size) + 1) / rate_hz
     noise = 2e-6 * np.random.default_rng(1).standard_normal(t.size)
-    values = amplitude_m * np.cos(2.0 * np.pi * HUNTING_HZ * t) + noise
-    return Series(np.round(t * 1e9).astype(np.int64), values)
+    return Series(stamps_of(t), amplitude_m * np.cos(2.0 * np.pi * HUNTING_HZ * t) + noise)
 
 
 class Rig(Fed):

@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made import PAPER, changed
 
 from hunt_ros.detection import HuntingDetector, Level, State, detect, health
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.samples import Record, Series
-
-PAPER = IdentifiedNormalForm(PAPER_NORMAL_FORM)
 
 
 def test_a_clipped_limit_cycle_is_saturated_and_still_an_alarm(recorded) -> None:
     record = recorded(7.2, 10.0, kicks=[(1.5, 500e-6)])
-    series = record['lateral']
-    limit = 0.6 * float(np.abs(series.values).max())  # the range of the sensor, all the time
-    clipped = Series(series.stamps_ns, np.clip(series.values, -limit, limit))
+    limit = 0.6 * float(np.abs(record['lateral'].values).max())  # of the sensor, all the time
+    clipped = changed(record, lateral=lambda y: np.clip(y, -limit, limit))
     detector = HuntingDetector(normal_form=PAPER)
-    rows = detect(detector, Record({**record, 'lateral': clipped})).estimates
+    rows = detect(detector, clipped).estimates
     during = rows[rows['stamp_ns'] > 5_600_000_000]
     assert np.isin(during['state'], [State.ESCAPING, State.LIMIT_CYCLE]).all()
     assert ((during['lateral_wrong'] & health.SATURATED) != 0).all()
@@ -30,12 +25,8 @@ def test_a_rig_that_runs_in_reverse_hunts_as_it_does_ahead_and_the_status_says_s
     recorded, true_form
 ) -> None:
     record = recorded(7.2, 20.0, kicks=[(9.0, 330e-6)])
-    backward = {
-        name: Series(one.stamps_ns, -one.values if name in ('speed', 'roller') else one.values)
-        for name, one in record.items()
-    }
     detector = HuntingDetector(normal_form=true_form)
-    reverse = detect(detector, Record(backward))
+    reverse = detect(detector, changed(record, speed=np.negative, roller=np.negative))
     ahead = detect(HuntingDetector(normal_form=true_form), record)
     assert 'speed: negative: the rig runs in reverse' in detector.status.reasons
     assert detector.status.number('speed_mps') == pytest.approx(7.2, abs=0.05)

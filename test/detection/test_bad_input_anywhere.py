@@ -15,25 +15,21 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
+from made import PAPER, SECOND, held, rig_settings
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, detect
 from hunt_ros.detection.output import Event, Output
 from hunt_ros.detection.words.reasons import Basis, reasons_of
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import simulate
-from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
 from hunt_ros.samples import CHANNELS, Record, Series
 
-SECOND = 1_000_000_000
 BEGIN, END, DURATION = 6 * SECOND, 8 * SECOND, 13 * SECOND
 #: After the fault begins it must be named within this time, ns.
 NOTICED = 600_000_000
 CONFIG = DetectorConfig(channels=CHANNELS, lateral_range_m=2e-3, yaw_range_rad=2e-3)
 BASIS = Basis(CONFIG)
-PAPER = IdentifiedNormalForm(PAPER_NORMAL_FORM)
+
 
 _Columns = tuple[np.ndarray, np.ndarray]
 _MOTION = ('lateral', 'yaw')
@@ -105,15 +101,9 @@ FAULTS: dict[str, Fault] = {
 
 @cache
 def _recorded(rate_hz: int, seed: int) -> Record:
-    settings_ = SimulationSettings(
-        sample_rate_hz=float(rate_hz),
-        broadband=8e-6,
-        roughness=Roughness((50e-6, 20e-6)),
-        lateral_sensor=SensorModel(noise=5e-6),
-        yaw_sensor=SensorModel(noise=2e-5),
-    )
-    profile = Profile((Hold(6.0, 0.0),))  # below v_n: all is OK but for the faults
-    record = simulate(paper_rig(), settings_, profile, DURATION / SECOND, (), seed)
+    settings_ = rig_settings(float(rate_hz), roughness=(50e-6, 20e-6))
+    # Below v_n: all is OK but for the faults.
+    record = simulate(paper_rig(), settings_, held(6.0), DURATION / SECOND, (), seed)
     lateral = record['lateral']
     noise = 5e-3 * np.random.default_rng(seed).standard_normal(len(lateral))
     moved = np.convolve(lateral.values, np.ones(rate_hz // 20) / (rate_hz // 20), 'same')

@@ -7,10 +7,9 @@ import itertools
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made import SECOND
 
 from hunt_ros.detection.stamps import AHEAD, BACKWARD, REPEATED, Channel
-
-SECOND = 1_000_000_000
 
 
 def _fed(stamps: list[int], cuts: list[int]) -> Channel:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made import dead, held, rig_settings, ticked
 
 from hunt_ros.criteria import Verdict
 from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig, HuntingDetector, detect
@@ -12,28 +13,17 @@ from hunt_ros.detection.output import Output
 from hunt_ros.detection.replay import watch
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Hold, Profile
-from hunt_ros.dynamics.simulation import (
-    Roughness,
-    SensorModel,
-    SimulationSettings,
-    simulate,
-)
+from hunt_ros.dynamics.simulation import SimulationSettings, simulate
 from hunt_ros.errors import ConfigError
 from hunt_ros.forecast import Forecast
-from hunt_ros.samples import Record, Series
+from hunt_ros.samples import Record
 
 HUNTING = CompanionConfig(criteria=('cfr_213_333',), criteria_scale=0.02, forecast='off')
 
 
 @pytest.fixture(scope='module')
 def staircase() -> Record:
-    settings_ = SimulationSettings(
-        sample_rate_hz=100.0,
-        broadband=2e-5,
-        roughness=Roughness((30e-6,)),
-        lateral_sensor=SensorModel(noise=5e-6),
-        yaw_sensor=SensorModel(noise=2e-5),
-    )
+    settings_ = rig_settings(100.0, 2e-5, (30e-6,))
     profile = Profile(tuple(Hold(float(v), 40.0) for v in np.arange(4.0, 7.1, 0.6).tolist()))
     return simulate(paper_rig(), settings_, profile, seed=2)
 
@@ -41,16 +31,21 @@ def staircase() -> Record:
 @pytest.fixture(scope='module')
 def hunting() -> Record:
     settings_ = SimulationSettings(sample_rate_hz=200.0, broadband=8e-6)
-    return simulate(paper_rig(), settings_, Profile((Hold(9.0, 0.0),)), 40.0, seed=1)
+    return simulate(paper_rig(), settings_, held(9.0), 40.0, seed=1)
+
+
+def forecast_of(motion: np.ndarray, config: DetectorConfig) -> Forecast:
+    companions = Companions(CompanionConfig(), config, live=False)
+    companions.update(motion)
+    found = companions.finish()
+    assert found is not None
+    return found
 
 
 def test_the_forecast_is_made_from_what_the_detector_merged(staircase) -> None:
     for channels in (('lateral', 'yaw', 'roller', 'speed'), ('yaw', 'roller', 'speed')):
         config = DetectorConfig(channels=channels)
-        companions = Companions(CompanionConfig(), config, live=False)
-        companions.update(detect(HuntingDetector(config), staircase).motion)
-        forecast = companions.finish()
-        assert forecast is not None
+        forecast = forecast_of(detect(HuntingDetector(config), staircase).motion, config)
         assert forecast.critical_speed is not None, forecast.reason
         assert forecast.critical_speed.low < 8.0 < forecast.critical_speed.high
         assert forecast.critical_speed.value == pytest.approx(8.0, rel=0.12)
@@ -72,13 +67,9 @@ def test_live_with_ticks_and_its_replay_say_what_the_whole_record_says(hunting) 
     whole = collect(watch(hunting, HuntingDetector(config)), Companions(HUNTING))
     live, detector = Companions(HUNTING), HuntingDetector(config)
     verdicts: list[Verdict] = []
-    outputs = []
-    for now in range(0, hunting.end_ns + 1, 50_000_000):
-        for name, series in hunting.between(now, now + 50_000_000).items():
-            outputs.append(detector.update(name, series.stamps_ns, series.values))
-            verdicts += live.update(outputs[-1].motion)
-        outputs.append(detector.tick(now + 50_000_000))
-        verdicts += live.update(outputs[-1].motion)
+    outputs = list(ticked(detector, hunting, 50_000_000))
+    for output in outputs:
+        verdicts += live.update(output.motion)
     assert verdicts == whole.verdicts != []
     again = detect(HuntingDetector(config), hunting, Output.joined(outputs).journal)
     assert list(Companions(HUNTING).update(again.motion)) == verdicts
@@ -91,20 +82,12 @@ def test_hunting_says_nothing_of_the_quiet_response(recorded, true_form) -> None
     stamps = output.motion['stamps_ns']
     assert quiet[stamps < 3_000_000_000].all()
     assert not quiet[stamps > 8_000_000_000].any()
-    companions = Companions(CompanionConfig())
-    companions.update(output.motion)
-    forecast = companions.finish()
-    assert forecast is not None
-    assert forecast.levels == 0
+    assert forecast_of(output.motion, DetectorConfig()).levels == 0
 
 
 def test_a_stuck_sensor_and_a_missing_speed_are_not_heard(recorded) -> None:
     record = recorded(6.0, 6.0)
-    lateral = record['lateral']
-    stuck = np.where(lateral.stamps_ns > 3_000_000_000, 1e-5, lateral.values)
-    output = detect(
-        HuntingDetector(), Record({**record, 'lateral': Series(lateral.stamps_ns, stuck)})
-    )
+    output = detect(HuntingDetector(), dead(record, 'lateral', 3.0, 1e-5))
     assert int(output.motion['stamps_ns'][-1]) < 3_300_000_000
     channels = tuple(name for name in record if name != 'speed')
     output = detect(HuntingDetector(DetectorConfig(channels=channels)), record)
@@ -120,14 +103,6 @@ def test_what_cannot_be_run_is_refused() -> None:
         CompanionConfig(criteria=('cfr',))
     with pytest.raises(ConfigError, match='lateral'):
         Companions(HUNTING, DetectorConfig(channels=('yaw', 'speed')))
-
-
-def forecast_of(motion: np.ndarray, config: DetectorConfig) -> Forecast:
-    companions = Companions(CompanionConfig(), config, live=False)
-    companions.update(motion)
-    found = companions.finish()
-    assert found is not None
-    return found
 
 
 @pytest.fixture(scope='module')

@@ -7,12 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from made import PAPER
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 
-PAPER = IdentifiedNormalForm(PAPER_NORMAL_FORM)
 CHANNELS = ('lateral', 'yaw', 'roller', 'speed')
 MOTION, TICK = ('lateral', 'yaw'), 100_000_000
 LEAST, MOST = np.iinfo(np.int64).min, np.iinfo(np.int64).max

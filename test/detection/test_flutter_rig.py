@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from made import FLUTTER, record_of
 from scipy.io import loadmat
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State
@@ -16,31 +16,21 @@ from hunt_ros.detection.offline import Findings, collect
 from hunt_ros.detection.output import Output
 from hunt_ros.detection.replay import watch
 from hunt_ros.detection.words.status import DetectorStatus
-from hunt_ros.samples import Record, Series
+from hunt_ros.samples import Record
 
-FOLDER = Path(__file__).parents[3] / 'shared' / 'data' / 'flutter_rig'
-FILES = sorted(FOLDER.glob('*.mat'))
+FILES = sorted(FLUTTER.glob('*.mat'))
 CYCLES = [path for path in FILES if 'Hammer' not in path.name]
 HITS = [path for path in FILES if 'Hammer' in path.name]
 
-pytestmark = pytest.mark.skipif(not FILES, reason=f'no recordings in {FOLDER}')
+pytestmark = pytest.mark.skipif(not FILES, reason=f'no recordings in {FLUTTER}')
 
 
 def _record(path: Path) -> Record:
     """Heave as y (m), pitch as psi (rad); airspeed as speed, from the file's name."""
     pitch, heave = loadmat(path)['data'][:2]
-    stamps = np.arange(heave.size, dtype=np.int64) * 4_000_000
-    found = re.search(r'_V(\d+)', path.name)
-    assert found is not None
-    speed = np.full(heave.size // 10, int(found[1]) / 10.0)
-    return Record(
-        {
-            'lateral': Series(stamps, 0.47 * heave),
-            'yaw': Series(stamps, pitch),
-            'speed': Series(stamps[: speed.size * 10 : 10], speed),
-        },
-        path.name,
-    )
+    speed = float(path.name.split('_V')[1][:3]) / 10.0
+    t = np.arange(heave.size) / 250.0
+    return record_of(t, path.name, lateral=0.47 * heave, yaw=pitch, speed=speed)
 
 
 @cache

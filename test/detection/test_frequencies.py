@@ -7,12 +7,15 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from fed import Fed
 from hypothesis import given
 from hypothesis import strategies as st
+from made import record_of, words
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
 from hunt_ros.detection.configuration import nominal_hz, with_frequencies
 from hunt_ros.detection.offline import frequency_for
+from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import Record, Series
@@ -81,8 +84,8 @@ def test_the_frequency_of_the_form_is_followed(recorded, true_form, factor) -> N
     record = stretched(recorded(7.2, 30.0, kicks=[(5.0, 330e-6)]), factor)
     form = slower(true_form, factor)
     output = detect(HuntingDetector(normal_form=form), record)
-    assert 'limit_cycle' in [event.event for event in output.events]
-    assert 'motion_outside_range' not in [event.event for event in output.events]
+    assert 'limit_cycle' in words(output)
+    assert 'motion_outside_range' not in words(output)
     last = output.estimates[-1]
     usual = detect(HuntingDetector(normal_form=true_form), stretched(record, 1.0 / factor))
     truth = usual.estimates['lateral_amplitude'][-1]
@@ -126,21 +129,15 @@ def test_a_form_of_another_frequency_that_arrives_is_replayed_bit_for_bit(
 ) -> None:
     record = stretched(recorded(7.2, 30.0, kicks=[(5.0, 330e-6)]), 0.35)
     form = slower(true_form, 0.35)
-    detector = HuntingDetector()
-    outputs, step = [], 100_000_000
+    rig, step = Fed(HuntingDetector()), 100_000_000
     for until in range(step, 105 * step + 1, step):
         for name, one in record.items():
-            part = one.between(until - step, until)
-            outputs.append(detector.update(name, part.stamps_ns, part.values))
+            rig.feed(name, one.between(until - step, until))
         if until == 40 * step:
-            outputs.append(detector.set_normal_form(form))
-    outputs.append(detector.finish())
-    live = np.concatenate([o.estimates for o in outputs if o.estimates.size])
-    journal = [entry for o in outputs for entry in o.journal]
-    fed = Record({name: one.between(0, 105 * step) for name, one in record.items()})
-    again = detect(HuntingDetector(), fed, journal).estimates
-    for name in live.dtype.names:
-        assert np.array_equal(again[name], live[name], equal_nan=True), name
+            rig.outputs.append(rig.detector.set_normal_form(form))
+    rig.outputs.append(rig.detector.finish())
+    rig.assert_replayed()
+    live = Output.joined(rig.outputs).estimates
     assert set(live['followed_max_hz'][:395]) == {6.0}
     assert live['followed_max_hz'][-1] == pytest.approx(6.0 / 0.35, rel=0.02)
     assert live['state'][-1] == State.LIMIT_CYCLE
@@ -175,11 +172,10 @@ def test_hum_roughness_and_drift_are_not_taken_for_hunting(kind) -> None:
         'drift': 1e-5 * np.cumsum(rng.normal(size=time.size)) * 0.063,
         'nothing': 0.0,
     }[kind]
-    stamps = np.round(time * 1e9).astype(np.int64)
     channels = {'lateral': lateral, 'speed': speed}
     if kind in ('hum', 'roller'):
         channels['roller'] = 2.0 * np.pi * turns
-    record = Record({name: Series(stamps, values) for name, values in channels.items()})
+    record = record_of(time, **channels)
     found, remarks = frequency_for(record, DetectorConfig())
     assert found == DetectorConfig()
     # What is known by the encoder needs no words.
@@ -188,7 +184,5 @@ def test_hum_roughness_and_drift_are_not_taken_for_hunting(kind) -> None:
     assert all(f'line at {forced}: forced' in remark for remark in remarks)
     if kind == 'unknown ratio':
         return
-    names = tuple(channels)
-    config = DetectorConfig(channels=names)
-    output = detect(HuntingDetector(config), record)
-    assert 'motion_outside_range' not in [event.event for event in output.events]
+    output = detect(HuntingDetector(DetectorConfig(channels=tuple(channels))), record)
+    assert 'motion_outside_range' not in words(output)

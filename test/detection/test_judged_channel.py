@@ -4,25 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made import changed, dead, words
 
 from hunt_ros.detection import HuntingDetector, Level, State, detect, doubts
-from hunt_ros.samples import Record, Series
 
 
-def without(record: Record, channel: str, after_ns: int = 0) -> Record:
-    series = record[channel]
-    values = np.where(series.stamps_ns >= after_ns, np.nan, series.values)
-    return Record({**record, channel: Series(series.stamps_ns, values)})
-
-
-@pytest.mark.parametrize('dead_from', [0, 2_000_000_000, 14_000_000_000])
+@pytest.mark.parametrize('dead_from', [0.0, 2.0, 14.0])
 def test_with_the_mode_shape_yaw_alone_gives_the_lateral_amplitude(
     recorded, shaped, dead_from
 ) -> None:
     record = recorded(7.2, 25.0, kicks=[(9.0, 330e-6)])
-    truth = detect(HuntingDetector(normal_form=shaped), without(record, 'yaw')).estimates
+    truth = detect(HuntingDetector(normal_form=shaped), dead(record, 'yaw')).estimates
     detector = HuntingDetector(normal_form=shaped)
-    rows = detect(detector, without(record, 'lateral', dead_from)).estimates
+    rows = detect(detector, dead(record, 'lateral', dead_from)).estimates
     last = rows['stamp_ns'] > 18_000_000_000
     error = rows['lateral_amplitude'][last] / truth['lateral_amplitude'][last] - 1.0
     assert abs(error.mean()) < 0.02  # the roughness makes it beat
@@ -34,7 +28,7 @@ def test_with_the_mode_shape_yaw_alone_gives_the_lateral_amplitude(
 
 
 def test_without_a_shape_yaw_is_judged_by_itself(recorded, true_form) -> None:
-    record = without(recorded(7.2, 40.0, kicks=[(14.0, 330e-6)]), 'lateral')
+    record = dead(recorded(7.2, 40.0, kicks=[(14.0, 330e-6)]), 'lateral')
     detector = HuntingDetector(normal_form=true_form)
     output = detect(detector, record)
     assert np.isnan(output.estimates['lateral_amplitude']).all()
@@ -50,9 +44,9 @@ def test_a_lateral_amplitude_that_nothing_tells_is_unknown(recorded, true_form, 
     for seed in range(4):
         record = recorded(speed, 20.0, [(4.0, 700e-6)], seed)
         truth = detect(HuntingDetector(normal_form=true_form), record).estimates
-        dead = without(record, 'lateral', 2_000_000_000)
+        one = dead(record, 'lateral', 2.0)
         detector = HuntingDetector(normal_form=true_form)
-        rows = detect(detector, dead).estimates
+        rows = detect(detector, one).estimates
         late = rows['stamp_ns'] > 12_000_000_000
         found, std = rows['lateral_amplitude'][late], rows['lateral_amplitude_std'][late]
         told = np.isfinite(found)
@@ -60,7 +54,7 @@ def test_a_lateral_amplitude_that_nothing_tells_is_unknown(recorded, true_form, 
         assert (off < 3.0 * std[told]).all()
         assert (std[told] < found[told]).all()
         assert detector.status.state is State.LIMIT_CYCLE, 'by yaw, where lateral is unknown'
-        both = without(dead, 'yaw', 14_000_000_000)
+        both = dead(one, 'yaw', 14.0)
         rows = detect(HuntingDetector(normal_form=true_form), both).estimates
         late = rows['stamp_ns'] > 15_000_000_000
         found, std = rows['lateral_amplitude'][late], rows['lateral_amplitude_std'][late]
@@ -74,7 +68,7 @@ def test_where_lateral_is_missing_for_a_while_yaw_is_judged(recorded) -> None:
     series = record['lateral']
     seconds = series.stamps_ns * 1e-9
     values = np.where((seconds > 12.0) & (seconds < 32.0), np.nan, series.values)
-    gap = Record({**record, 'lateral': Series(series.stamps_ns, values)})
+    gap = changed(record, lateral=values)
     detector = HuntingDetector()
     output = detect(detector, gap)
     rows = output.estimates
@@ -82,9 +76,8 @@ def test_where_lateral_is_missing_for_a_while_yaw_is_judged(recorded) -> None:
     in_yaw = (rows['doubts'] & doubts.IN_YAW) != 0
     assert in_yaw[(seconds > 14.0) & (seconds < 32.0)].all()
     assert not in_yaw[(seconds < 12.0) | (seconds > 33.0)].any()
-    words = [event.event for event in output.events]
-    assert 'limit_cycle' in words
-    assert not {'decaying', 'quiet'} & set(words), 'another channel ends no hunting'
+    assert 'limit_cycle' in words(output)
+    assert not {'decaying', 'quiet'} & set(words(output)), 'another channel ends no hunting'
     first = next(e for e in output.events if e.event in ('escaping', 'limit_cycle'))
     assert first.stamp_ns < 31e9
     assert detector.status.state is State.LIMIT_CYCLE
@@ -94,7 +87,7 @@ def test_a_lateral_sensor_that_comes_late_is_judged_from_then_on(recorded, true_
     record = recorded(7.2, 12.0)
     series = record['lateral']
     values = np.where(series.stamps_ns < 5_000_000_000, np.nan, series.values)
-    late = Record({**record, 'lateral': Series(series.stamps_ns, values)})
+    late = changed(record, lateral=values)
     rows = detect(HuntingDetector(normal_form=true_form), late).estimates
     known = np.flatnonzero(np.isfinite(rows['lateral_amplitude']))[0]
     assert np.isnan(rows['margin'][:known]).all()

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made import held, record_of, rig_settings
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, detect
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import Kick, simulate
-from hunt_ros.dynamics.simulation.settings import SensorModel, SimulationSettings
-from hunt_ros.samples import Record, Series
 
 RATE, END_S, STEP_S = 200.0, 13.0, 8.0
 AMPLITUDE, NOISE = 0.2e-3, 5e-6
@@ -31,10 +29,7 @@ def signals(seed: int) -> tuple[np.ndarray, dict[str, np.ndarray], np.random.Gen
 
 def errors(t: np.ndarray, values: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Return seconds of the rows, and the relative error of the lateral amplitude."""
-    stamps = np.round(t * 1e9).astype(np.int64)
-    channels = {**values, 'speed': np.full(t.size, 7.2)}
-    record = Record({name: Series(stamps, channels[name]) for name in CONFIG.channels})
-    rows = detect(HuntingDetector(CONFIG), record).estimates
+    rows = detect(HuntingDetector(CONFIG), record_of(t, **values, speed=7.2)).estimates
     return rows['stamp_ns'] * 1e-9, rows['lateral_amplitude'] / AMPLITUDE - 1.0
 
 
@@ -79,15 +74,9 @@ WAYS = {
 def test_a_wheelset_that_was_hit_moves(way: str) -> None:
     off = []
     for seed, size in enumerate((1e-4, 1.5e-4, 2.5e-4, 4e-4) * 3):
-        settings = SimulationSettings(
-            sample_rate_hz=500.0,
-            broadband=4e-7,
-            lateral_sensor=SensorModel(noise=5e-6),
-            yaw_sensor=SensorModel(noise=2e-5),
-        )
         blow = (WAYS[way](size),)
         record = simulate(
-            paper_rig(), settings, Profile((Hold(7.2, 0.0),)), STEP_S + 1.5, blow, seed
+            paper_rig(), rig_settings(500.0, 4e-7), held(7.2), STEP_S + 1.5, blow, seed
         )
         rows = detect(HuntingDetector(), record).estimates
         # A period, in which the second mode is nearly gone.

@@ -6,21 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made import changed, held, record_of, rig_settings, without
 
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.offline import config_for
 from hunt_ros.detection.replay import detect
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.dynamics.simulation import Kick, simulate
 from hunt_ros.dynamics.simulation.settings import (
     DriveModel,
     Roughness,
-    SensorModel,
-    SimulationSettings,
 )
-from hunt_ros.samples import Record, Series
+from hunt_ros.samples import Record
 
 
 def _quiet(
@@ -28,20 +26,11 @@ def _quiet(
 ):
     """Quiet running over strong roughness of the roller."""
     rig = replace(paper_rig(), roller_diameter_m=diameter)
-    settings = SimulationSettings(
-        sample_rate_hz=rate,
-        initial_speed=speed,
-        broadband=8e-6,
+    settings = replace(
+        rig_settings(rate, initial_speed=speed, drive=DriveModel(**drive)),
         roughness=Roughness((rough,), wheel_amplitudes=wheel, reference_speed=speed),
-        lateral_sensor=SensorModel(noise=5e-6),
-        yaw_sensor=SensorModel(noise=2e-5),
-        drive=DriveModel(**drive),
     )
-    return simulate(rig, settings, Profile((Hold(speed, 0.0),)), seconds, kicks, seed=1)
-
-
-def _without(record: Record, name: str) -> Record:
-    return Record({key: series for key, series in record.items() if key != name})
+    return simulate(rig, settings, held(speed), seconds, kicks, seed=1)
 
 
 def _run(record: Record, form=None, **settings):
@@ -60,7 +49,7 @@ def test_no_alarm_in_quiet_running_where_only_the_speed_is_known(
     record = _quiet(speed, diameter, rate, speed_gain=gain, speed_noise=0.01)
     told = {} if diameter == 0.3 else {'roller_diameter_m': diameter}
     for form in (None, true_form):
-        detector, output = _run(_without(record, 'roller'), form, **told)
+        detector, output = _run(without(record, 'roller'), form, **told)
         assert not detector.status.alarm
         assert not output.events
         # The angle would have told the line apart no better than by a factor of two.
@@ -71,7 +60,7 @@ def test_no_alarm_in_quiet_running_where_only_the_speed_is_known(
 
 def test_a_limit_cycle_is_told_where_only_the_speed_is_known() -> None:
     record = _quiet(7.2, kicks=[Kick(15.0, lateral_m=700e-6)], seconds=30.0, rough=1e-4)
-    detector, output = _run(_without(record, 'roller'))
+    detector, output = _run(without(record, 'roller'))
     assert detector.status.alarm
     at = [event.stamp_ns * 1e-9 for event in output.events if event.event == 'limit_cycle']
     assert at
@@ -85,7 +74,7 @@ def test_an_encoder_that_wraps_or_runs_backwards_tells_the_same(reading) -> None
     angle = -roller.values if 'backwards' in reading else roller.values
     if 'wraps' in reading:
         angle = np.mod(angle, 2.0 * np.pi)
-    other = Record({**record.channels, 'roller': Series(roller.stamps_ns, angle)})
+    other = changed(record, roller=angle)
     expected, got = (_run(r)[1].estimates for r in (record, other))
     late = slice(300, None)
     for name in ('lateral_amplitude', 'lateral_roughness'):
@@ -100,7 +89,7 @@ def test_six_pulses_a_turn_tell_the_line_as_a_fine_encoder_does(sense) -> None:
     roller = record['roller']
     step = np.pi / 3.0
     angle = np.floor(sense * roller.values / step) * step
-    other = Record({**record.channels, 'roller': Series(roller.stamps_ns, angle)})
+    other = changed(record, roller=angle)
     expected, got = (_run(r)[1].estimates['lateral_amplitude'][300:] for r in (record, other))
     assert np.sqrt(np.mean(got**2)) < 1.3 * np.sqrt(np.mean(expected**2))
     assert got.max() < 1.5 * expected.max()
@@ -121,15 +110,11 @@ def test_the_line_of_the_wheel_is_known_by_its_diameter() -> None:
 
 def test_an_assumed_diameter_never_makes_a_line_of_the_hunting() -> None:
     # 2.84 Hz would be the line of a roller of 0.3 m at this speed.
-    time = np.arange(8000) / 200.0
-    stamps = 1 + np.round(time * 1e9).astype(np.int64)
+    time = np.arange(1, 8001) / 200.0
     rng = np.random.default_rng(0)
     hunts = np.where(time > 20.0, 5e-4, 1e-6) * np.cos(2.0 * np.pi * 2.84 * time)
-    values = {
-        'lateral': hunts + 5e-6 * rng.standard_normal(time.size),
-        'speed': np.full(time.size, 2.84 * np.pi * 0.3),
-    }
-    record = Record({name: Series(stamps, value) for name, value in values.items()})
+    lateral = hunts + 5e-6 * rng.standard_normal(time.size)
+    record = record_of(time, lateral=lateral, speed=2.84 * np.pi * 0.3)
     detector, output = _run(record)
     assert detector.status.alarm
     late = output.estimates['lateral_amplitude'][-500:]

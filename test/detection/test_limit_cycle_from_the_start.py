@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from made import record_of
 from scipy.signal import lfilter
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, detect
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
-from hunt_ros.samples import Record, Series
 
 #: Hunting frequencies, Hz, and samples in a period.
 RIGS, SAMPLES = (0.6, 2.84, 7.0), 70
@@ -46,8 +46,7 @@ def said(
         hunting_frequency_min_hz=0.35 * hz,
         hunting_frequency_max_hz=2.1 * hz,
     )
-    record = Record({name: Series(stamps, values) for name, values in channels.items()})
-    events = detect(HuntingDetector(config), record).events
+    events = detect(HuntingDetector(config), record_of(t, **channels)).events
     found = (e.stamp_ns for e in events if e.event == 'limit_cycle')
     return (next(found, math.inf) - stamps[0]) * 1e-9 * hz / REFERENCE_HZ
 

@@ -6,12 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import binom
+from made import PAPER, at_most, record_of, words
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, State, detect
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.samples import Record, Series
 
 #: Frequency (Hz), unstable amplitude (m), damping in a period.
 RIGS = [(0.6, 3e-2, 0.06), (2.84, 2e-4, 0.12), (11.0, 2e-5, 0.2)]
@@ -42,8 +39,7 @@ def trial(rig, seed: int, hit: float, noise: float = 0.03, forcing: float = 0.05
         )
         path[k] = z
     values = unstable * (path.real + noise * rng.normal(size=path.size) + 3.0)
-    stamps = np.round((np.arange(path.size) + 1) * step / frequency * 1e9).astype(np.int64)
-    record = Record({'lateral': Series(stamps, values)})
+    record = record_of((np.arange(path.size) + 1) * step / frequency, lateral=values)
     nominal = 1.1 * frequency
     config = DetectorConfig(
         channels=('lateral',),
@@ -56,15 +52,14 @@ def trial(rig, seed: int, hit: float, noise: float = 0.03, forcing: float = 0.05
     return detector, detect(detector, record), float(np.abs(path[-SAMPLES:]).mean())
 
 
-@pytest.mark.parametrize('form', [IdentifiedNormalForm(PAPER_NORMAL_FORM), None])
+@pytest.mark.parametrize('form', [PAPER, None])
 @pytest.mark.parametrize('rate_hz', [100.0, 500.0])
 def test_the_noise_of_sensors_on_a_rig_that_stands_still_is_no_hunting(form, rate_hz) -> None:
-    stamps = np.round(np.arange(30.0 * rate_hz) / rate_hz * 1e9).astype(np.int64)
+    t = np.arange(30.0 * rate_hz) / rate_hz
     for seed in range(8):
-        noise = 1e-5 * np.random.default_rng(seed).standard_normal((2, stamps.size))
-        values = {'lateral': noise[0], 'yaw': noise[1], 'speed': np.full(stamps.size, 6.0)}
-        record = Record({name: Series(stamps, part) for name, part in values.items()})
-        config = DetectorConfig(channels=tuple(values))
+        lateral, yaw = 1e-5 * np.random.default_rng(seed).standard_normal((2, t.size))
+        record = record_of(t, lateral=lateral, yaw=yaw, speed=6.0)
+        config = DetectorConfig(channels=tuple(record))
         found = detect(HuntingDetector(config, form), record).estimates['state']
         assert np.isin(found, (State.QUIET, State.DISTURBED)).all(), seed
 
@@ -77,11 +72,6 @@ def test_quiet_running_and_bumps_raise_no_alarm(rig, hit) -> None:
         assert end < 0.5
         assert not detector.status.alarm
         assert detector.status.state in (State.QUIET, State.DISTURBED)
-
-
-def at_most(rate: float, trials: int) -> int:
-    """Return how many of the trials may go wrong by chance, but for one suite in ten thousand."""
-    return int(binom.ppf(1.0 - 1e-4, trials, rate))
 
 
 def alarm_period(output, frequency: float) -> float:
@@ -103,10 +93,10 @@ def test_a_hit_that_grows_is_an_alarm_soon_after_it_hunts() -> None:
 
 
 def test_the_same_motion_slower_and_smaller_is_judged_alike() -> None:
-    words = []
+    said = []
     for frequency, unstable in ((2.84, 2e-4), (0.71, 5e-2), (1.42, 1e-6)):
         rig = frequency, unstable, 0.12
         _, output, _ = trial(rig, 6, 1.5)
-        words.append([event.event for event in output.events])
-    assert words[0] == words[1] == words[2]
-    assert words[0][:1] == ['escaping']
+        said.append(words(output))
+    assert said[0] == said[1] == said[2]
+    assert said[0][:1] == ['escaping']

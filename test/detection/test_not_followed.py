@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made import record_of
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, detect
 from hunt_ros.detection.regions import Level
 from hunt_ros.detection.words import reasons
-from hunt_ros.samples import Record, Series
 
 RATE, AMPLITUDE, YAW_RATIO = 100.0, 2e-3, 4.0
 CONFIG = DetectorConfig(
@@ -21,10 +21,7 @@ CONFIG = DetectorConfig(
 
 def rows_of(lateral: np.ndarray, yaw: np.ndarray) -> np.ndarray:
     """Run the detector over both signals at a constant speed far below hunting."""
-    stamps = np.round((np.arange(lateral.size) + 1) / RATE * 1e9).astype(np.int64)
-    speed = np.full(lateral.size, 5.0)
-    values = {'lateral': lateral, 'yaw': yaw, 'speed': speed}
-    record = Record({name: Series(stamps, values[name]) for name in CONFIG.channels})
+    record = record_of((np.arange(lateral.size) + 1) / RATE, lateral=lateral, yaw=yaw, speed=5.0)
     return detect(HuntingDetector(CONFIG), record).estimates
 
 

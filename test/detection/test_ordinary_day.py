@@ -8,14 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made import changed, held
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
 from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile import Corners, Hold, Profile
+from hunt_ros.dynamics.profile import Corners, Profile
 from hunt_ros.dynamics.simulation import simulate
 from hunt_ros.dynamics.simulation.settings import SensorModel, SimulationSettings
-from hunt_ros.samples import Record, Series
 
 #: Critical speeds for a motion that is below both of them.
 BELOW = {'critical_speed_mps': 20.0, 'nonlinear_critical_speed_mps': 15.0}
@@ -29,10 +29,6 @@ def said(output: Output, *words: str, after_s: float = 0.0) -> list[float]:
     """Return when one of these events was said, s."""
     times = [e.stamp_ns * 1e-9 for e in output.events if e.event in words]
     return [time for time in times if time >= after_s]
-
-
-def changed(record: Record, channel: str, values: np.ndarray) -> Record:
-    return Record({**record, channel: Series(record[channel].stamps_ns, values)})
 
 
 @pytest.mark.parametrize('lines', [(20e-6,), (50e-6, 20e-6)])
@@ -141,9 +137,7 @@ def test_steps_of_the_sensor_are_no_limit_cycle(true_form, broadband, informed) 
         broadband=broadband, lateral_sensor=SensorModel(resolution=10e-6)
     )
     for seed in range(6):
-        record = simulate(
-            paper_rig(), settings, Profile((Hold(7.2, 0.0),)), duration_s=60.0, seed=seed
-        )
+        record = simulate(paper_rig(), settings, held(7.2), duration_s=60.0, seed=seed)
         config = DetectorConfig(channels=('lateral', 'roller', 'speed'))
         output = detect(HuntingDetector(config, true_form if informed else None), record)
         assert seconds_of(output, Level.ERROR) == 0.0
@@ -158,7 +152,7 @@ def test_a_limit_of_the_lab_is_on_what_the_sensor_reads(recorded, true_form, spe
     motion = np.where(t > 20.0, 5e-3 * np.sin(2.0 * math.pi * hz * t), 0.0)
     config = DetectorConfig(warn_lateral_mm=1.0, alarm_lateral_mm=3.0)
     detector = HuntingDetector(config, true_form)
-    output = detect(detector, changed(record, 'lateral', series.values + motion))
+    output = detect(detector, changed(record, lateral=series.values + motion))
     error = output.estimates['stamp_ns'][output.estimates['level'] == Level.ERROR] * 1e-9
     assert 20.0 < error[0] < 20.5
     assert detector.status.level is Level.ERROR
@@ -176,7 +170,7 @@ def test_a_lateral_sensor_that_has_lost_its_signal_hides_no_hunting(
     values = np.where(series.stamps_ns >= dead_from * 1e9, noise, series.values)
     known = dead_from > 0.0 or form == 'shaped'
     form = None if form is None else request.getfixturevalue(form)
-    rows = detect(HuntingDetector(normal_form=form), changed(record, 'lateral', values)).estimates
+    rows = detect(HuntingDetector(normal_form=form), changed(record, lateral=values)).estimates
     late, last = rows['stamp_ns'] > 24e9, rows['stamp_ns'] > 55e9
     assert not (rows['level'][late] == Level.OK).any()
     # Where nothing tells how yaw and lateral go together, yaw is judged from the kick on.
@@ -201,9 +195,8 @@ def test_sensors_that_contradict_the_mode_shape_are_not_believed(
 ) -> None:
     record = recorded(7.2, 60.0, kicks=[(20.0, 200e-6), (40.0, 350e-6)])
     y, psi = MISTAKES[mistake](record['lateral'].values, record['yaw'].values)
-    wrong = changed(changed(record, 'lateral', y), 'yaw', psi)
     detector = HuntingDetector(normal_form=shaped)
-    rows = detect(detector, wrong).estimates
+    rows = detect(detector, changed(record, lateral=y, yaw=psi)).estimates
     late = rows['stamp_ns'] > 30e9
     assert not (rows['level'][late] == Level.OK).any()
     if mistake != 'degrees':  # by which the quiet motion is larger than any limit cycle

@@ -11,17 +11,15 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
+from made import PAPER, words
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, JournalEntry, Level
 from hunt_ros.detection.acceptance import rolled_back
 from hunt_ros.detection.output import Output
 from hunt_ros.detection.replay import detect, samples_apart, watch
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.errors import HuntError
 from hunt_ros.samples import Record, Series
 
-PAPER = IdentifiedNormalForm(PAPER_NORMAL_FORM)
 _TICK_NS = 50_000_000
 
 
@@ -128,9 +126,7 @@ def test_a_stalled_channel_is_let_go_and_its_late_samples_dropped(recorded) -> N
     assert kinds[0] == 'start'
     assert 'released' in kinds
     assert 'resumed' in kinds
-    words = [event.event for event in live.events]
-    assert 'input_stale' in words
-    assert 'input_recovered' in words
+    assert {'input_stale', 'input_recovered'} <= set(words(live))
     stale = live.estimates[live.estimates['level'] == Level.STALE]['stamp_ns'] * 1e-9
     assert stale[(stale > 1.0) & (stale < 3.1)].size == 0
     assert stale[(stale > 3.25) & (stale < 3.9)].size > 50
@@ -173,9 +169,9 @@ def test_a_journal_line_that_is_none_is_refused() -> None:
 def test_going_back_to_an_earlier_form_is_an_event_live_and_in_the_replay(recorded) -> None:
     record = recorded(7.2, 6.0, kicks=[(2.0, 400e-6)])
     live, arrived = _live(record, [], [], [(3.0, 'form'), (4.0, 'back')], seed=1)
-    words = [event.event for event in live.events]
-    assert words.index('normal_form_changed') < words.index('normal_form_reverted')
-    reverted = live.events[words.index('normal_form_reverted')]
+    said = words(live)
+    assert said.index('normal_form_changed') < said.index('normal_form_reverted')
+    reverted = live.events[said.index('normal_form_reverted')]
     assert reverted.cause.startswith('v_c 8.000 m/s, v_n 6.406 m/s')
     _assert_same(live, _repeated(live, arrived))
 
@@ -203,8 +199,7 @@ def test_a_detector_that_joined_late_is_repeated_from_its_own_first_samples(reco
     unheard, heard = _begins_later(record)
     silence = [('yaw', 6.0, 7.0)]
     live, arrived = _live(heard, silence, silence, [(5.0, 'acknowledge')], seed=5)
-    words = [event.event for event in live.events]
-    assert {'escaping', 'acknowledged', 'input_stale', 'input_recovered'} <= set(words)
+    assert {'escaping', 'acknowledged', 'input_stale', 'input_recovered'} <= set(words(live))
     _assert_same(live, _repeated(live, _joined(unheard, arrived)))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made import record_of
 from numpy.typing import NDArray
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, State, detect, doubts
@@ -24,8 +25,7 @@ def disagreement(frequency_hz: float, rows_hz: float, rate_hz: float, noise: flo
         hunting_frequency_hz=frequency_hz,
     )
     detector = HuntingDetector(config)
-    record = Record({'lateral': Series(np.round(t * 1e9).astype(np.int64), values)})
-    rows = detect(detector, record).estimates
+    rows = detect(detector, record_of(t, lateral=values)).estimates
     late = rows['stamp_ns'] > 10e9
     assert detector.status.state is State.LIMIT_CYCLE
     return float(((rows['doubts'][late] & doubts.DISAGREE) != 0).mean())

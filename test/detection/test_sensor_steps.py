@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made import record_of
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, detect, health
-from hunt_ros.samples import Record, Series
 
 RATE, STEP = 200.0, 1e-6
 CONFIG = DetectorConfig(channels=('lateral', 'speed'))
@@ -14,10 +14,7 @@ CONFIG = DetectorConfig(channels=('lateral', 'speed'))
 
 def stuck(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return seconds and True where the lateral sensor is said to be stuck, at the rows."""
-    stamps = np.round((np.arange(values.size) + 1) / RATE * 1e9).astype(np.int64)
-    record = Record(
-        {'lateral': Series(stamps, values), 'speed': Series(stamps, np.full(values.size, 6.0))}
-    )
+    record = record_of((np.arange(values.size) + 1) / RATE, lateral=values, speed=6.0)
     rows = detect(HuntingDetector(CONFIG), record).estimates
     wrong = (rows['lateral_wrong'] & health.STUCK) != 0
     assert (rows['level'][wrong] == Level.STALE).all()

@@ -9,14 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made import PAPER, changed
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level
 from hunt_ros.detection.replay import detect
 from hunt_ros.detection.slow import SpeedCheck
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.profile import Corners, Profile
-from hunt_ros.samples import Record, Series
 
 RATE = 100.0
 #: Corners (s, m/s) of runs that a lab drives.
@@ -152,12 +150,11 @@ def test_the_detector_is_stale_and_says_why(lines: tuple[float, ...], recorded) 
     speed = record['speed']
     t = speed.stamps_ns * 1e-9
     spoilt = np.where((t > 8.0) & (t < 34.0), 4.0, speed.values)
-    paper = IdentifiedNormalForm(PAPER_NORMAL_FORM)
     config = DetectorConfig(lines=lines)
-    sound = detect(HuntingDetector(config, paper), record)
+    sound = detect(HuntingDetector(config, PAPER), record)
     assert not [event for event in sound.events if event.event == 'sensor_fault']
-    detector = HuntingDetector(config, paper)
-    output = detect(detector, Record({**record, 'speed': Series(speed.stamps_ns, spoilt)}))
+    detector = HuntingDetector(config, PAPER)
+    output = detect(detector, changed(record, speed=spoilt))
     rows = output.estimates
     t = rows['stamp_ns'] * 1e-9
     assert (rows['level'][(t > 18.0) & (t < 34.0)] == Level.STALE).all()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made import dead, without, words
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, doubts
 from hunt_ros.detection.decision import decisions
@@ -17,7 +18,7 @@ from hunt_ros.detection.output import blank_rows
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.detection.replay import detect, watch
 from hunt_ros.dynamics.profile import Corners, Profile
-from hunt_ros.samples import USUAL_CHANNELS, Record, Series
+from hunt_ros.samples import USUAL_CHANNELS, Series
 
 RULES = rules_of(DetectorConfig(), 6.4, 8.0)
 HUNTING = (State.ESCAPING, State.LIMIT_CYCLE, State.DECAYING)
@@ -87,11 +88,10 @@ def test_a_margin_that_noise_crosses_again_and_again_is_told_once() -> None:
 def test_the_margin_stays_low_as_long_as_the_wheelset_hunts(recorded, true_form) -> None:
     profile = Profile((Corners((0.0, 12.0, 27.0, 45.0), (7.2, 7.2, 5.7, 5.7)),))
     record = recorded(profile, 45.0, kicks=[(5.0, 0.6e-3)])
-    output = detect(HuntingDetector(DetectorConfig(), true_form), record)
-    words = [event.event for event in output.events]
-    assert 'limit_cycle' in words
-    assert words.count('margin_low') == words.count('margin_restored') == 1
-    assert words.index('margin_restored') > words.index('quiet')
+    said = words(detect(HuntingDetector(DetectorConfig(), true_form), record))
+    assert 'limit_cycle' in said
+    assert said.count('margin_low') == said.count('margin_restored') == 1
+    assert said.index('margin_restored') > said.index('quiet')
 
 
 @pytest.mark.parametrize(
@@ -104,12 +104,11 @@ def test_the_margin_stays_low_as_long_as_the_wheelset_hunts(recorded, true_form)
     ],
 )
 def test_the_largest_amplitude_is_one_that_was_known(channels, dies, recorded, true_form) -> None:
-    record = dict(recorded(7.2, 40.0, kicks=[(5.0, 0.35e-3)], seed=3))
+    record = recorded(7.2, 40.0, kicks=[(5.0, 0.35e-3)], seed=3)
     true = analytic_amplitude(record['lateral'])
     if dies:  # in the limit cycle
-        stamps, values = record[dies].stamps_ns, record[dies].values
-        record[dies] = Series(stamps, np.where(stamps > 30_000_000_000, 0.0, values))
-    record = Record({name: record[name] for name in channels})
+        record = dead(record, dies, 30.0, 0.0)
+    record = without(record, *set(record) - set(channels))
     detector = HuntingDetector(DetectorConfig(channels=channels), true_form)
     found = collect(watch(record, detector))
     assert found.max_amplitude_m == pytest.approx(true, rel=0.1)
@@ -119,11 +118,10 @@ def test_the_largest_amplitude_is_one_that_was_known(channels, dies, recorded, t
 def test_with_lateral_dead_and_no_mode_shape_the_learnt_ratio_gives_its_amplitude(
     seed, recorded, true_form
 ) -> None:
-    record = dict(recorded(7.2, 40.0, kicks=[(5.0, 0.35e-3)], seed=seed))
+    record = recorded(7.2, 40.0, kicks=[(5.0, 0.35e-3)], seed=seed)
     true = analytic_amplitude(record['lateral'])
-    stamps, values = record['lateral'].stamps_ns, record['lateral'].values
-    record['lateral'] = Series(stamps, np.where(stamps > 30_000_000_000, 0.0, values))
-    rows = detect(HuntingDetector(normal_form=true_form), Record(record)).estimates
+    cut = dead(record, 'lateral', 30.0, 0.0)
+    rows = detect(HuntingDetector(normal_form=true_form), cut).estimates
     rows = rows[rows['stamp_ns'] > 31_000_000_000]
     assert ((rows['doubts'] & doubts.FROM_YAW) != 0).all()
     # Roughness makes it beat: each row is known by its own deviation only.

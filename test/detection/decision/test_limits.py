@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fed import Fed
+from made import SECOND, record_of
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State
 from hunt_ros.errors import ConfigError
-from hunt_ros.samples import Series
 
-SECOND = 1_000_000_000
 RATE_HZ = 200.0
 HUNTING_HZ = 2.84
 
@@ -33,11 +32,9 @@ class Rig(Fed):
         t = self._seconds + (np.arange(sizes.size) + 1) / RATE_HZ
         self._seconds += len(amplitudes_m)
         noise = 2e-6 * self._random.standard_normal(t.size)
-        stamps = np.round(1e9 * t).astype(np.int64)
         motion = sizes * np.cos(2.0 * np.pi * HUNTING_HZ * t) + noise
-        series = {name: Series(stamps, factor * motion) for name, factor in scale.items()}
-        series['speed'] = Series(stamps, np.full(t.size, 7.2))
-        for name, part in series.items():
+        moved = {name: factor * motion for name, factor in scale.items()}
+        for name, part in record_of(t, **moved, speed=7.2).items():
             self.feed(name, part)
 
     def tick(self) -> None:

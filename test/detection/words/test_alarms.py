@@ -7,16 +7,14 @@ import json
 import numpy as np
 import pytest
 from fed import Fed
+from made import PAPER, SECOND, stamps_of
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector
 from hunt_ros.detection.output import Output
 from hunt_ros.detection.words.alarms import KEPT, AlarmHistory
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.samples import Series
 
-PAPER = IdentifiedNormalForm(PAPER_NORMAL_FORM)
-SECOND = 1_000_000_000
 RATE_HZ = 200.0
 CYCLE_M = 630e-6
 
@@ -28,7 +26,7 @@ def episode(start_s: float) -> tuple[Series, Series]:
     amplitude = np.where(t < 10.0, grown, np.maximum(CYCLE_M * np.exp(-0.8 * (t - 10.0)), 2e-6))
     noise = 2e-6 * np.random.default_rng(1).standard_normal(t.size)
     turn = 2.0 * np.pi * PAPER_NORMAL_FORM.frequency_hz * t
-    stamps = np.round((start_s + t + 1.0 / RATE_HZ) * 1e9).astype(np.int64)
+    stamps = stamps_of(start_s + t + 1.0 / RATE_HZ)
     speed = np.where(t < 10.0, 7.2, 6.0)
     return Series(stamps, amplitude * np.cos(turn) + noise), Series(stamps, speed)
 
