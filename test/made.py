@@ -149,17 +149,6 @@ def words(output: Output) -> list[str]:
     return [event.event for event in output.events]
 
 
-def ticked(
-    detector: HuntingDetector, record: Record, step_ns: int = SECOND // 10
-) -> Iterator[Output]:
-    """Feed a record as it comes live, with a tick after each step."""
-    for begin in range(record.start_ns, record.end_ns + 1, step_ns):
-        for name in detector.channels:
-            part = record[name].between(begin, begin + step_ns)
-            yield detector.update(name, part.stamps_ns, part.values)
-        yield detector.tick(begin + step_ns)
-
-
 def numbers(entry: object) -> Iterator[float]:
     """Yield every number of a document."""
     below = entry.values() if isinstance(entry, dict) else entry if isinstance(entry, list) else ()

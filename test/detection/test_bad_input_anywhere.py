@@ -13,12 +13,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from fed import Fed
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from made import PAPER, SECOND, held, rig_settings
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, detect
-from hunt_ros.detection.output import Event, Output
+from hunt_ros.detection.output import Event
 from hunt_ros.detection.words.reasons import Basis, reasons_of
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import simulate
@@ -29,9 +30,6 @@ BEGIN, END, DURATION = 6 * SECOND, 8 * SECOND, 13 * SECOND
 NOTICED = 600_000_000
 CONFIG = DetectorConfig(channels=CHANNELS, lateral_range_m=2e-3, yaw_range_rad=2e-3)
 BASIS = Basis(CONFIG)
-
-
-_Columns = tuple[np.ndarray, np.ndarray]
 _MOTION = ('lateral', 'yaw')
 
 
@@ -127,32 +125,13 @@ def _timed(series: Series, timing: str, seed: int) -> Series:
     return Series(at, np.interp(at, stamps, series.values))
 
 
-def _spoilt(series: Series, fault: Fault) -> _Columns:
+def _spoilt(series: Series, fault: Fault) -> Series:
     stamps, values = series.stamps_ns.copy(), series.values.copy()
     bad = np.flatnonzero((stamps >= BEGIN) & (stamps < END))
     if fault is SILENT:
-        return np.delete(stamps, bad), np.delete(values, bad)
+        return Series(np.delete(stamps, bad), np.delete(values, bad))
     fault.spoil(stamps, values, bad)
-    return stamps, values
-
-
-def _live(
-    detector: HuntingDetector,
-    spoilt: dict[str, _Columns],
-    arrival: dict[str, np.ndarray],
-    step: int,
-) -> Output:
-    """Feed what has come every `step` ns, each time with a tick."""
-    outputs = []
-    done = dict.fromkeys(spoilt, 0)
-    for now in range(step, DURATION + step, step):
-        for name, (stamps, values) in spoilt.items():
-            end = int(np.searchsorted(arrival[name], now, side='right'))
-            part = slice(done[name], end)
-            outputs.append(detector.update(name, stamps[part], values[part]))
-            done[name] = end
-        outputs.append(detector.tick(now))
-    return Output.joined(outputs)
+    return Series(stamps, values)
 
 
 @st.composite
@@ -178,17 +157,18 @@ def _check(
         for name, series in _recorded(rate_hz, seed).items()
     }
     chosen = {name: FAULTS[fault] for name, fault in faults}
-    spoilt = {name: (one.stamps_ns, one.values) for name, one in record.items()}
-    spoilt |= {name: _spoilt(record[name], fault) for name, fault in chosen.items()}
+    spoilt = record | {name: _spoilt(record[name], fault) for name, fault in chosen.items()}
     detector = HuntingDetector(CONFIG, PAPER if form else None)
     if step_ns is None:
-        output = detect(detector, Record({name: Series(*both) for name, both in spoilt.items()}))
+        output = detect(detector, Record(spoilt))
     else:
         arrival = {
-            name: spoilt[name][0] if chosen.get(name) is SILENT else one.stamps_ns
+            name: spoilt[name].stamps_ns if chosen.get(name) is SILENT else one.stamps_ns
             for name, one in record.items()
         }
-        output = _live(detector, spoilt, arrival, step_ns)
+        rig = Fed(detector)
+        list(rig.play(spoilt, range(step_ns, DURATION + step_ns, step_ns), arrival))
+        output = rig.output
     rows = output.estimates
     stamps = rows['stamp_ns']
     during = rows[(stamps >= BEGIN + NOTICED) & (stamps < END)]

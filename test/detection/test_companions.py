@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from made import dead, held, rig_settings, ticked
+from fed import Fed
+from made import dead, held, rig_settings
 
 from hunt_ros.criteria import Verdict
 from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig, HuntingDetector, detect
 from hunt_ros.detection.offline import collect, config_for
-from hunt_ros.detection.output import Output
 from hunt_ros.detection.replay import watch
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Hold, Profile
@@ -65,13 +65,13 @@ def test_a_criterion_speaks_when_its_limit_is_passed_and_after_reset_again(hunti
 def test_live_with_ticks_and_its_replay_say_what_the_whole_record_says(hunting) -> None:
     config, _ = config_for(hunting, DetectorConfig())
     whole = collect(watch(hunting, HuntingDetector(config)), Companions(HUNTING))
-    live, detector = Companions(HUNTING), HuntingDetector(config)
+    live, rig = Companions(HUNTING), Fed(HuntingDetector(config))
     verdicts: list[Verdict] = []
-    outputs = list(ticked(detector, hunting, 50_000_000))
-    for output in outputs:
+    list(rig.play(hunting, range(0, hunting.end_ns + 1, 50_000_000)))
+    for output in rig.outputs:
         verdicts += live.update(output.motion)
     assert verdicts == whole.verdicts != []
-    again = detect(HuntingDetector(config), hunting, Output.joined(outputs).journal)
+    again = detect(HuntingDetector(config), hunting, rig.output.journal)
     assert list(Companions(HUNTING).update(again.motion)) == verdicts
 
 

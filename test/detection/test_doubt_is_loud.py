@@ -7,9 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from made import PAPER
+from fed import Fed
+from made import PAPER, changed, record_of
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level
+from hunt_ros.samples import Record, Series
 
 CHANNELS = ('lateral', 'yaw', 'roller', 'speed')
 MOTION, TICK = ('lateral', 'yaw'), 100_000_000
@@ -48,6 +50,14 @@ def _leaps(stamps: np.ndarray) -> np.ndarray:
     return stamps + np.where(stamps < START + BEGIN, 0, (steps % 3 - 1) * 3_000_000_000)
 
 
+def sound(duration_ns: int) -> Record:
+    """Return noise of the sensors and a roller that turns evenly, 100 samples a second."""
+    seconds = np.arange(0, duration_ns, 10_000_000) * 1e-9
+    lateral, yaw = 1e-5 * np.random.default_rng(1).standard_normal((2, seconds.size))
+    record = record_of(seconds, lateral=lateral, yaw=yaw, roller=40.0 * seconds, speed=6.0)
+    return Record({n: Series(START + one.stamps_ns, one.values) for n, one in record.items()})
+
+
 @dataclass
 class Case:
     """What is told of the stamps; the detector's clock, None where it does not tick."""
@@ -58,25 +68,15 @@ class Case:
 
     def levels(self) -> list[tuple[int, Level]]:
         """Return the level published at each tick, ns after the start."""
-        stamps = START + np.arange(0, END, 10_000_000)
-        rng = np.random.default_rng(1)
-        values = {name: 1e-5 * rng.standard_normal(stamps.size) for name in MOTION}
-        values['roller'] = 40e-9 * (stamps - START)
-        values['speed'] = np.full(stamps.size, 6.0)
-        detector = HuntingDetector(DetectorConfig(), PAPER)
-        told = {}
-        for name in CHANNELS:
+        true, told, arrival = sound(END), {}, {}
+        for name, one in true.items():
             # A channel that falls silent leaves out the end.
-            found = self.told.get(name, lambda x: x)(stamps)
-            told[name] = found, stamps[: found.size]
-        levels = []
-        for now in range(START + TICK, START + END, TICK):
-            for name, (found, arrival) in told.items():
-                come = (arrival >= now - TICK) & (arrival < now)
-                detector.update(name, found[come], values[name][: found.size][come])
-            if (tick := self.clock(now)) is not None:
-                detector.tick(tick)
-            status = detector.status
+            stamps = self.told.get(name, lambda x: x)(one.stamps_ns)
+            told[name] = Series(stamps, one.values[: stamps.size])
+            arrival[name] = one.stamps_ns[: stamps.size]
+        rig, levels = Fed(HuntingDetector(DetectorConfig(), PAPER)), []
+        for now in rig.play(told, range(START + TICK, START + END, TICK), arrival, self.clock):
+            status = rig.detector.status
             assert status.level is not Level.STALE or status.values['causes'], 'it has a code'
             levels.append((now - START, status.level))
         return levels
@@ -168,27 +168,19 @@ def test_samples_too_sparse_for_the_motion_are_a_doubt_while_they_are(
     name: str, rate_hz: int
 ) -> None:
     """At 12 Hz a motion of 6 Hz, the fastest that is followed, is told from none no more."""
-    begin, end = 400, 900
-    detector = HuntingDetector(DetectorConfig(), PAPER)
-    stamps = START + np.arange(0, 14 * 100) * 10_000_000
-    rng = np.random.default_rng(1)
-    values = {channel: 1e-5 * rng.standard_normal(stamps.size) for channel in MOTION}
-    values['roller'] = 40e-9 * (stamps - START)
-    values['speed'] = np.full(stamps.size, 6.0)
-    kept = dict.fromkeys(CHANNELS, np.arange(stamps.size))
-    few = np.arange(begin, end, 100 / rate_hz).astype(int)
-    kept[name] = np.concatenate((np.arange(begin), few, np.arange(end, stamps.size)))
-    levels, reasons = {}, {}
-    for k in range(0, stamps.size, 10):
-        for channel, chosen in kept.items():
-            new = chosen[(chosen >= k) & (chosen < k + 10)]
-            detector.update(channel, stamps[new], values[channel][new])
-        detector.tick(int(stamps[k]) + TICK)
-        levels[k], reasons[k] = detector.status.level, ' '.join(detector.status.reasons)
-    assert {levels[k] for k in range(begin - 80, begin, 10)} == {Level.OK}
-    assert {levels[k] for k in range(begin + 250, end, 10)} == {Level.WARN}
-    assert f'{name}: sampled too slowly' in reasons[end - 50]
-    assert {levels[k] for k in range(end + 300, stamps.size, 10)} == {Level.OK}
+    record = sound(14_000_000_000)
+    few = np.arange(400, 900, 100 / rate_hz).astype(int)
+    kept = np.concatenate((np.arange(400), few, np.arange(900, 1400)))
+    sparse = Series(record[name].stamps_ns[kept], record[name].values[kept])
+    rig, levels, reasons = Fed(HuntingDetector(DetectorConfig(), PAPER)), [], []
+    ticks = range(START + TICK, START + 14_000_000_001, TICK)
+    for _ in rig.play(changed(record, **{name: sparse}), ticks):
+        levels.append(rig.detector.status.level)
+        reasons.append(' '.join(rig.detector.status.reasons))
+    assert set(levels[32:40]) == {Level.OK}
+    assert set(levels[65:90]) == {Level.WARN}
+    assert f'{name}: sampled too slowly' in reasons[85]
+    assert set(levels[120:]) == {Level.OK}
 
 
 def test_samples_with_room_for_the_motion_are_no_doubt() -> None:

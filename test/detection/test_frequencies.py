@@ -15,7 +15,6 @@ from made import record_of, words
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
 from hunt_ros.detection.configuration import nominal_hz, with_frequencies
 from hunt_ros.detection.offline import frequency_for
-from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import Record, Series
@@ -94,21 +93,12 @@ def test_the_frequency_of_the_form_is_followed(recorded, true_form, factor) -> N
 
 
 @pytest.mark.parametrize('factor', [3.6, 0.35])
-def test_motion_outside_is_an_event_and_its_end_another(recorded, factor) -> None:
-    record = stretched(recorded(7.2, 30.0, kicks=[(5.0, 330e-6)]), factor)
-    end = max(int(one.stamps_ns[-1]) for one in record.values())
-    still = {}
-    for name, one in record.items():  # the motion stops, the rest goes on
-        more = np.arange(1, 60 * 200 + 1) * 5_000_000 + end
-        rng = np.random.default_rng(1)
-        noise = 2e-6 * rng.normal(size=more.size)
-        last = noise if name in ('lateral', 'yaw') else np.full(more.size, one.values[-1])
-        if name == 'roller':
-            last = one.values[-1] + np.arange(1, more.size + 1) * 0.005 * 7.2 / 0.15
-        still[name] = Series(
-            np.concatenate([one.stamps_ns, more]), np.concatenate([one.values, last])
-        )
-    output = detect(HuntingDetector(), Record(still))
+def test_motion_outside_is_an_event_and_its_end_another(factor) -> None:
+    t = np.arange(0.0, 90.0, 0.005)
+    motion = np.where(t < 30.0, 4e-4 * np.cos(2.0 * np.pi * 2.84 / factor * t), 0.0)
+    noise = 2e-6 * np.random.default_rng(1).normal(size=t.size)
+    config = DetectorConfig(channels=('lateral', 'speed'))
+    output = detect(HuntingDetector(config), record_of(t, lateral=motion + noise, speed=20.0))
     events = [e for e in output.events if e.event.startswith('motion_outside')]
     names = [event.event for event in events]
     assert names[0] == 'motion_outside_range'
@@ -130,14 +120,12 @@ def test_a_form_of_another_frequency_that_arrives_is_replayed_bit_for_bit(
     record = stretched(recorded(7.2, 30.0, kicks=[(5.0, 330e-6)]), 0.35)
     form = slower(true_form, 0.35)
     rig, step = Fed(HuntingDetector()), 100_000_000
-    for until in range(step, 105 * step + 1, step):
-        for name, one in record.items():
-            rig.feed(name, one.between(until - step, until))
-        if until == 40 * step:
+    for now in rig.play(record, range(step, 105 * step + 1, step), clock=lambda now: None):
+        if now == 40 * step:
             rig.outputs.append(rig.detector.set_normal_form(form))
     rig.outputs.append(rig.detector.finish())
     rig.assert_replayed()
-    live = Output.joined(rig.outputs).estimates
+    live = rig.output.estimates
     assert set(live['followed_max_hz'][:395]) == {6.0}
     assert live['followed_max_hz'][-1] == pytest.approx(6.0 / 0.35, rel=0.02)
     assert live['state'][-1] == State.LIMIT_CYCLE

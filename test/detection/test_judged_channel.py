@@ -27,17 +27,6 @@ def test_with_the_mode_shape_yaw_alone_gives_the_lateral_amplitude(
     assert any('through the mode shape' in reason for reason in detector.status.reasons)
 
 
-def test_without_a_shape_yaw_is_judged_by_itself(recorded, true_form) -> None:
-    record = dead(recorded(7.2, 40.0, kicks=[(14.0, 330e-6)]), 'lateral')
-    detector = HuntingDetector(normal_form=true_form)
-    output = detect(detector, record)
-    assert np.isnan(output.estimates['lateral_amplitude']).all()
-    assert detector.status.state is State.LIMIT_CYCLE
-    first = next(e for e in output.events if e.event in ('escaping', 'limit_cycle'))
-    assert 14.0 < first.stamp_ns * 1e-9 < 26.0
-    assert any('yaw is judged' in reason for reason in detector.status.reasons)
-
-
 @pytest.mark.parametrize('speed', [7.2, 8.0])
 def test_a_lateral_amplitude_that_nothing_tells_is_unknown(recorded, true_form, speed) -> None:
     # Two seconds of quiet running tell the ratio of the sensors badly, or not at all.

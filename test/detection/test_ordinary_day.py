@@ -31,15 +31,20 @@ def said(output: Output, *words: str, after_s: float = 0.0) -> list[float]:
     return [time for time in times if time >= after_s]
 
 
+def driven(recorded, form, times, speeds, seeds: int, **more) -> list[Output]:
+    """Return what is said of a drive through these corners (s, m/s), with several seeds."""
+    profile = Profile((Corners(times, speeds),))
+    records = [recorded(profile, times[-1], seed=seed, **more) for seed in range(seeds)]
+    return [detect(HuntingDetector(normal_form=form), record) for record in records]
+
+
 @pytest.mark.parametrize('lines', [(20e-6,), (50e-6, 20e-6)])
 @pytest.mark.parametrize('rate', [0.05, 0.1, 0.2, 0.5])
 def test_a_run_up_below_v_n_is_no_alarm(recorded, true_form, lines, rate) -> None:
     # A line that passes the frequency of the hunting changes tenfold on the way.
     end = 5.0 + 5.5 / rate
-    profile = Profile((Corners((0.0, 5.0, end, end + 40.0), (0.5, 0.5, 6.0, 6.0)),))
-    for seed in range(2):
-        record = recorded(profile, end + 40.0, seed=seed, roughness=lines)
-        output = detect(HuntingDetector(DetectorConfig(), true_form), record)
+    times, speeds = (0.0, 5.0, end, end + 40.0), (0.5, 0.5, 6.0, 6.0)
+    for output in driven(recorded, true_form, times, speeds, 2, roughness=lines):
         assert seconds_of(output, Level.ERROR) == 0.0
 
 
@@ -47,10 +52,8 @@ def test_a_run_up_below_v_n_is_no_alarm(recorded, true_form, lines, rate) -> Non
 def test_a_stop_out_of_quiet_running_is_no_alarm(recorded, true_form, rate) -> None:
     # The line of the roller passes the frequency of the hunting at 2.7 m/s on every way to rest.
     ends = 30.0 + 5.0 / rate
-    profile = Profile((Corners((0.0, 30.0, ends, ends + 20.0), (5.0, 5.0, 0.0, 0.0)),))
-    for seed in range(3):
-        record = recorded(profile, ends + 20.0, seed=seed)
-        output = detect(HuntingDetector(DetectorConfig(), true_form), record)
+    times, speeds = (0.0, 30.0, ends, ends + 20.0), (5.0, 5.0, 0.0, 0.0)
+    for output in driven(recorded, true_form, times, speeds, 3):
         assert seconds_of(output, Level.ERROR) == 0.0
 
 
@@ -59,21 +62,18 @@ def test_a_stop_out_of_quiet_running_is_no_alarm(recorded, true_form, rate) -> N
 def test_what_drives_the_motion_at_rest_is_not_what_drives_it_at_speed(
     recorded, true_form, begin, informed
 ) -> None:
-    profile = Profile((Corners((0.0, 30.0, 65.0, 150.0), (begin, begin, 7.0, 7.0)),))
-    for seed in range(2):
-        record = recorded(profile, 150.0, seed=seed, roughness=())
-        output = detect(HuntingDetector(normal_form=true_form if informed else None), record)
+    form = true_form if informed else None
+    times, speeds = (0.0, 30.0, 65.0, 150.0), (begin, begin, 7.0, 7.0)
+    for output in driven(recorded, form, times, speeds, 2, roughness=()):
         assert seconds_of(output, Level.ERROR) == 0.0
         assert not (output.estimates['state'] == State.DECAYING).any()
 
 
 def test_after_hunting_it_gets_quiet_again_at_another_speed(recorded, true_form) -> None:
-    profile = Profile(
-        (Corners((0.0, 20.0, 40.0, 60.0, 80.0, 130.0), (0.0, 0.0, 8.6, 8.6, 6.0, 6.0)),)
-    )
+    times, speeds = (0.0, 20.0, 40.0, 60.0, 80.0, 130.0), (0.0, 0.0, 8.6, 8.6, 6.0, 6.0)
     for form in (true_form, None):
-        record = recorded(profile, 130.0, roughness=())
-        rows = detect(HuntingDetector(normal_form=form), record).estimates
+        (output,) = driven(recorded, form, times, speeds, 1, roughness=())
+        rows = output.estimates
         late = rows['stamp_ns'] > 100e9
         assert (rows['state'][late] <= State.DISTURBED).mean() > 0.99
 

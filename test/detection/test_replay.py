@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Mapping
 from types import MappingProxyType
 from unittest.mock import patch
 
 import numpy as np
 import pytest
+from fed import Fed
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from made import PAPER, words
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, JournalEntry, Level
 from hunt_ros.detection.acceptance import rolled_back
-from hunt_ros.detection.output import Output
-from hunt_ros.detection.replay import detect, samples_apart, watch
+from hunt_ros.detection.replay import samples_apart
 from hunt_ros.errors import HuntError
 from hunt_ros.samples import Record, Series
 
@@ -30,7 +29,8 @@ def _live(
     operator: list[tuple[float, str]],
     seed: int,
     behind: Mapping[str, float] = MappingProxyType({}),
-) -> tuple[Output, Record]:
+    rig: Fed | None = None,
+) -> Fed:
     """
     Play a record as it would come over a network.
 
@@ -58,79 +58,36 @@ def _live(
         queue.append((now, -1, 'tick', now, 0.0))
     for time, action in operator:
         queue.append((int(time * 1e9), -2, action, int(time * 1e9), 0.0))
-    heapq.heapify(queue)
-    detector = HuntingDetector(DetectorConfig(), PAPER)
-    outputs = []
-    arrived: dict[str, list[tuple[int, float]]] = {name: [] for name in record}
-    while queue:
-        _, _, what, stamp, value = heapq.heappop(queue)
+    rig = rig or Fed(HuntingDetector(DetectorConfig(), PAPER))
+    detector = rig.detector
+    for _, _, what, stamp, value in sorted(queue):
         if what == 'tick':
-            outputs.append(detector.tick(stamp))
+            rig.outputs.append(detector.tick(stamp))
         elif what == 'acknowledge':
-            outputs.append(detector.acknowledge(stamp))
+            rig.outputs.append(detector.acknowledge(stamp))
         elif what == 'form':
-            outputs.append(detector.set_normal_form(None))
+            rig.outputs.append(detector.set_normal_form(None))
         elif what == 'back':
-            outputs.append(detector.set_normal_form(rolled_back(PAPER)))
+            rig.outputs.append(detector.set_normal_form(rolled_back(PAPER)))
         else:
-            arrived[what].append((stamp, value))
-            outputs.append(detector.update(what, stamp, value))
-    series = {
-        name: Series(
-            np.array([stamp for stamp, _ in pairs], dtype=np.int64),
-            np.array([value for _, value in pairs]),
-        )
-        for name, pairs in arrived.items()
-    }
-    return Output.joined(outputs), Record(series)
-
-
-def _repeated(live: Output, arrived: Record) -> Output:
-    return detect(HuntingDetector(DetectorConfig(), PAPER), arrived, _journal(live))
-
-
-def _journal(live: Output) -> list[JournalEntry]:
-    lines = [entry.to_text() for entry in live.journal]  # as it goes through a bag
-    return [JournalEntry.from_text(line) for line in lines]
-
-
-def _repeated_in_steps(live: Output, arrived: Record, rng: np.random.Generator) -> Output:
-    with patch('hunt_ros.detection.replay._STRETCH_NS', int(rng.integers(10**8, 10**9))):
-        outputs = watch(arrived, HuntingDetector(DetectorConfig(), PAPER), journal=_journal(live))
-        return Output.joined(list(outputs))
-
-
-def _joined(first: Record, second: Record) -> Record:
-    """Return the samples of two records, one after the other."""
-    return Record(
-        {
-            name: Series(
-                np.concatenate([part[name].stamps_ns for part in (first, second)]),
-                np.concatenate([part[name].values for part in (first, second)]),
-            )
-            for name in first
-        }
-    )
-
-
-def _assert_same(live: Output, again: Output) -> None:
-    assert again.estimates.size == live.estimates.size
-    assert again.estimates.tobytes() == live.estimates.tobytes()
-    assert [repr(event) for event in again.events] == [repr(event) for event in live.events]
+            rig.feed(what, Series(np.array([stamp]), np.array([value])))
+    return rig
 
 
 def test_a_stalled_channel_is_let_go_and_its_late_samples_dropped(recorded) -> None:
     record = recorded(7.2, 6.0, kicks=[(2.0, 400e-6)])
-    live, arrived = _live(record, [('yaw', 3.0, 4.0)], [], [], seed=1)
+    rig = _live(record, [('yaw', 3.0, 4.5)], [], [], seed=1)
+    live = rig.output
     kinds = [entry.kind for entry in live.journal]
     assert kinds[0] == 'start'
     assert 'released' in kinds
     assert 'resumed' in kinds
+    assert 'offset' not in kinds, 'it was held up, its clock is well'
     assert {'input_stale', 'input_recovered'} <= set(words(live))
     stale = live.estimates[live.estimates['level'] == Level.STALE]['stamp_ns'] * 1e-9
     assert stale[(stale > 1.0) & (stale < 3.1)].size == 0
     assert stale[(stale > 3.25) & (stale < 3.9)].size > 50
-    _assert_same(live, _repeated(live, arrived))
+    rig.assert_replayed()
 
 
 @settings(
@@ -153,11 +110,12 @@ def test_any_live_run_is_repeated_bit_for_bit(seed: int, recorded) -> None:
         ]
 
     operator = [(float(rng.uniform(0.5, 6.0)), 'acknowledge'), (float(rng.uniform(1, 6)), 'form')]
-    live, arrived = _live(
+    rig = _live(
         record, spans(int(rng.integers(0, 4))), spans(int(rng.integers(0, 3))), operator, seed
     )
-    _assert_same(live, _repeated(live, arrived))
-    _assert_same(live, _repeated_in_steps(live, arrived, rng))
+    rig.assert_replayed()
+    with patch('hunt_ros.detection.replay._STRETCH_NS', int(rng.integers(10**8, 10**9))):
+        rig.assert_replayed()
 
 
 def test_a_journal_line_that_is_none_is_refused() -> None:
@@ -168,45 +126,42 @@ def test_a_journal_line_that_is_none_is_refused() -> None:
 
 def test_going_back_to_an_earlier_form_is_an_event_live_and_in_the_replay(recorded) -> None:
     record = recorded(7.2, 6.0, kicks=[(2.0, 400e-6)])
-    live, arrived = _live(record, [], [], [(3.0, 'form'), (4.0, 'back')], seed=1)
+    rig = _live(record, [], [], [(3.0, 'form'), (4.0, 'back')], seed=1)
+    live = rig.output
     said = words(live)
     assert said.index('normal_form_changed') < said.index('normal_form_reverted')
     reverted = live.events[said.index('normal_form_reverted')]
     assert reverted.cause.startswith('v_c 8.000 m/s, v_n 6.406 m/s')
-    _assert_same(live, _repeated(live, arrived))
+    rig.assert_replayed()
 
 
 @pytest.mark.parametrize('lag_s', [0.15, 0.195, 0.3, 0.6])
 def test_a_clock_that_is_always_behind_keeps_the_journal_small(recorded, lag_s: float) -> None:
     record = recorded(7.2, 6.0, kicks=[(2.0, 400e-6)])
-    live, arrived = _live(record, [], [], [], seed=4, behind={'yaw': lag_s})
-    assert sum(len(entry.to_text()) for entry in live.journal) < 3000
-    _assert_same(live, _repeated(live, arrived))
-
-
-def _begins_later(record: Record) -> tuple[Record, Record]:
-    """Cut a record where a detector that starts late hears its channels, each at its own time."""
-    starts = {'lateral': 0.61, 'yaw': 0.18, 'roller': 0.14, 'speed': 0.14}
-    cuts = {name: int(at * 1e9) for name, at in starts.items()}
-    return (
-        Record({name: one.between(0, cuts[name]) for name, one in record.items()}),
-        Record({name: one.between(cuts[name], 2**62) for name, one in record.items()}),
-    )
+    rig = _live(record, [], [], [], seed=4, behind={'yaw': lag_s})
+    assert sum(len(entry.to_text()) for entry in rig.output.journal) < 3000
+    rig.assert_replayed()
 
 
 def test_a_detector_that_joined_late_is_repeated_from_its_own_first_samples(recorded) -> None:
     record = recorded(7.2, 9.0, kicks=[(3.0, 400e-6)])
-    unheard, heard = _begins_later(record)
+    rig = Fed(HuntingDetector(DetectorConfig(), PAPER))
+    heard = {}
+    for name, starts_s in {'lateral': 0.61, 'yaw': 0.18, 'roller': 0.14, 'speed': 0.14}.items():
+        start_ns = int(starts_s * 1e9)
+        rig.feed(name, record[name].between(0, start_ns), heard=False)
+        heard[name] = record[name].between(start_ns, 2**62)
     silence = [('yaw', 6.0, 7.0)]
-    live, arrived = _live(heard, silence, silence, [(5.0, 'acknowledge')], seed=5)
-    assert {'escaping', 'acknowledged', 'input_stale', 'input_recovered'} <= set(words(live))
-    _assert_same(live, _repeated(live, _joined(unheard, arrived)))
+    _live(Record(heard), silence, silence, [(5.0, 'acknowledge')], 5, rig=rig)
+    said = set(words(rig.output))
+    assert {'escaping', 'acknowledged', 'input_stale', 'input_recovered'} <= said
+    rig.assert_replayed()
 
 
 def test_a_recorder_that_joined_late_is_told_of_what_it_lacks(recorded) -> None:
     record = recorded(7.2, 6.0, kicks=[(2.0, 400e-6)])
-    live, arrived = _live(record, [('lateral', 3.0, 4.0)], [], [], seed=6)
-    journal = list(live.journal)
+    rig = _live(record, [('lateral', 3.0, 4.0)], [], [], seed=6)
+    arrived, journal = rig.record, list(rig.output.journal)
     assert samples_apart(arrived, journal) == ({}, {})
     later = {**arrived, 'lateral': arrived['lateral'].between(100_000_000, 2**62)}
     lost = len(arrived['lateral']) - len(later['lateral'])
@@ -222,19 +177,17 @@ def test_a_recorder_that_joined_late_is_told_of_what_it_lacks(recorded) -> None:
 
 def test_each_run_of_the_detector_is_repeated_with_the_settings_of_that_run(recorded) -> None:
     record = recorded(7.2, 6.0, kicks=[(2.0, 400e-6)])
-    half = 3_000_000_000
-    detector = HuntingDetector(DetectorConfig(output_rate_hz=50.0), PAPER)
-    outputs = []
+    half, pause = 3_000_000_000, 200_000_000
+    rig = Fed(HuntingDetector(DetectorConfig(output_rate_hz=50.0), PAPER))
     for config, part in (
         (None, (0, half)),
         # What comes while the node is inactive is recorded, and not heard.
-        (DetectorConfig(margin_in=2.5, false_alarms_per_week=9.0), (half + 200_000_000, 2**62)),
+        (DetectorConfig(margin_in=2.5, false_alarms_per_week=9.0), (half + pause, 2**62)),
     ):
         if config is not None:
-            detector.reset(config)
+            rig.detector.reset(config)
         for name, one in record.items():
-            heard = one.between(*part)
-            outputs.append(detector.update(name, heard.stamps_ns, heard.values))
-    live = Output.joined(outputs)
-    assert 400 < live.estimates.size < 450
-    _assert_same(live, _repeated(live, record))
+            rig.feed(name, one.between(part[0] - pause, part[0]), heard=False)
+            rig.feed(name, one.between(*part))
+    assert 400 < rig.output.estimates.size < 450
+    rig.assert_replayed()

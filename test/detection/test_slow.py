@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -62,29 +60,3 @@ def test_an_angle_that_repeats_goes_on_at_its_rate_until_the_timeout() -> None:
     found = angle.at(np.array([45, 75, 85], dtype=np.int64) * MS, stamps, values, None)
     assert found[:2] == pytest.approx([4.5, 7.5])
     assert np.isnan(found[2])
-
-
-@settings(deadline=None)
-@given(
-    values=st.lists(
-        st.one_of(st.floats(-10, 10), st.sampled_from([float('nan'), 1.0])),
-        min_size=3,
-        max_size=40,
-    ),
-    data=st.data(),
-)
-def test_the_slow_channel_does_not_depend_on_blocks(values, data) -> None:
-    stamps = np.arange(1, len(values) + 1, dtype=np.int64) * 10 * MS
-    series = np.array(values)
-    wanted = np.arange(0, int(stamps[-1]) + 1, 3 * MS, dtype=np.int64)
-    whole = SlowChannel(25 * MS, rising=True).at(wanted, stamps, series, None)
-    cuts = data.draw(st.lists(st.integers(0, int(stamps[-1]) // MS), max_size=6))
-    bounds = [-1, *sorted({cut * MS for cut in cuts}), int(stamps[-1])]
-    channel, parts = SlowChannel(25 * MS, rising=True), []
-    for low, high in itertools.pairwise(bounds):
-        use = (stamps > low) & (stamps <= high)
-        later = np.flatnonzero(stamps > high)
-        following = (int(stamps[later[0]]), float(series[later[0]])) if later.size else None
-        ask = wanted[(wanted > low) & (wanted <= high)]
-        parts.append(channel.at(ask, stamps[use], series[use], following))
-    assert np.concatenate(parts).tobytes() == whole.tobytes()

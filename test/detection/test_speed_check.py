@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made import PAPER, changed
+from scipy.signal import lfilter
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level
 from hunt_ros.detection.replay import detect
@@ -41,10 +42,8 @@ def _drive(
 
 def _late(v: np.ndarray, lag_s: float) -> np.ndarray:
     """Return the speed behind a first-order filter."""
-    late = v.copy()
-    for k in range(1, v.size):
-        late[k] = late[k - 1] + (v[k] - late[k - 1]) / (lag_s * RATE)
-    return late
+    gain = 1.0 / (lag_s * RATE)
+    return np.asarray(lfilter([gain], [1.0, gain - 1.0], v, zi=[(1.0 - gain) * v[0]])[0])
 
 
 @settings(max_examples=60, deadline=None)

@@ -49,17 +49,12 @@ def test_noise_gain_is_the_spread_of_a_strong_envelope():
     assert envelope[100:].std() == pytest.approx(0.05 * filtering.noise_gain, rel=0.1)
 
 
-def test_a_short_gap_is_bridged_and_a_long_one_is_told():
+def test_a_short_gap_is_bridged():
     wave = np.cos(17.8 * np.arange(500) / 100.0)
     whole = HilbertEnvelope(100.0).update(wave)
-    short, long = wave.copy(), wave.copy()
-    short[300:303] = np.nan
-    long[300:330] = np.nan
-    bridged = HilbertEnvelope(100.0).update(short)
+    wave[300:303] = np.nan
+    bridged = HilbertEnvelope(100.0).update(wave)
     np.testing.assert_allclose(bridged[100:], whole[100:], rtol=0.05)
-    told = HilbertEnvelope(100.0).update(long)
-    assert np.isnan(told[306:400]).all()
-    np.testing.assert_allclose(told[420:], whole[420:], rtol=1e-9)
 
 
 @pytest.mark.parametrize(

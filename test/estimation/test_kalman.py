@@ -228,15 +228,6 @@ def test_a_block_that_makes_no_sense_is_refused_and_nothing_is_taken_in(block, m
     assert not tracker._tracker.started
 
 
-@pytest.mark.parametrize('step', [1e-4, 1e-3, 1.0, 1e6])
-def test_a_step_of_the_level_is_got_over(hunting_signal, step):
-    signal = hunting_signal(8, duration=12.0, noise=5e-6)
-    signal.lateral[8000:] += step
-    rows, phasor = signal.track(HuntingTracker())
-    assert np.abs(relative_error(rows, phasor)[1050:]).max() < 0.1
-    assert rows['lateral_bias'][-1] == pytest.approx(step + 1e-5, rel=0.05)
-
-
 @pytest.mark.parametrize('size', [1e-3, 1.0, 1e30])
 def test_a_burst_of_nonsense_is_got_over_and_the_other_sensor_goes_on(hunting_signal, size):
     signal = hunting_signal(9, duration=15.0, noise=5e-6)

@@ -41,12 +41,3 @@ def test_a_third_line_is_an_entry_of_the_list() -> None:
     assert _track(known, orders)['lateral_amplitude'][500:].max() < 4.0 * NOISE
     partly = HuntingTracker(TrackerConfig(shafts=(Shaft(orders[:1]),)))
     assert _track(partly, orders)['lateral_amplitude'][500:].max() > 8.0 * NOISE
-
-
-def test_a_wheel_that_creeps_has_a_slip_of_its_own() -> None:
-    wheel = 4.17
-    tracker = HuntingTracker(
-        TrackerConfig(shafts=(Shaft((1.0, 2.0)), Shaft((wheel * 1.004,), 0.005)))
-    )
-    rows = _track(tracker, (1.0, wheel), rate=500.0)[1000:]
-    assert rows['lateral_amplitude'].max() < 4.0 * NOISE

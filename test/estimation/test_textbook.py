@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made import record_of
 
 from hunt_ros.estimation.textbook import compared_amplitudes
 from hunt_ros.samples import Record, Series
 
 
-def record_of(signal) -> Record:
-    named = {'lateral': signal.lateral, 'roller': signal.angle}
-    return Record({name: Series(signal.stamps, values) for name, values in named.items()})
+def read(signal) -> Record:
+    return record_of(1e-9 * signal.stamps, lateral=signal.lateral, roller=signal.angle)
 
 
 @pytest.mark.parametrize('frequency', [2.3, 2.84, 3.4])
 def test_both_see_a_limit_cycle_beside_a_line_as_large(hunting_signal, frequency) -> None:
     signal = hunting_signal(0, duration=20.0, rate=200.0, frequency=frequency, roughness=2e-4)
-    assert compared_amplitudes(record_of(signal), 2.84) == pytest.approx((2e-4, 2e-4), rel=0.03)
+    assert compared_amplitudes(read(signal), 2.84) == pytest.approx((2e-4, 2e-4), rel=0.03)
 
 
 def test_where_nothing_is_steady_there_is_nothing_to_compare(hunting_signal) -> None:
-    quiet = record_of(hunting_signal(0, duration=20.0, rate=200.0, amplitude=0.0))
-    growing = record_of(hunting_signal(0, duration=20.0, rate=200.0, growth=0.3))
+    quiet = read(hunting_signal(0, duration=20.0, rate=200.0, amplitude=0.0))
+    growing = read(hunting_signal(0, duration=20.0, rate=200.0, growth=0.3))
     empty = Record({'yaw': Series(np.zeros(0), np.zeros(0))})
     assert [compared_amplitudes(one, 2.84) for one in (quiet, growing, empty)] == [None] * 3

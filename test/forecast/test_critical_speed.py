@@ -20,19 +20,25 @@ TRUTH = 8.0
 SPEEDS = np.arange(4.0, 7.3, 0.4)
 
 
-def staircase(broadband: float, seed: int = 0, rig=None, speeds=SPEEDS):
-    """Columns stamps, lateral, speed, angle of a staircase with 30 s holds."""
+def driven(profile: Profile, rig, settings, seed: int = 0):
+    """Columns stamps, lateral, speed, angle of a drive."""
+    rate = settings.sample_rate_hz
+    count = round(profile.duration_s * rate)
+    stream = RollerRig(rig, settings, seed)
+    block = stream.advance(count, np.interp(np.arange(count) / rate, *profile.corners()))
+    return block.stamps_ns, block.lateral, block.speed, block.roller_angle
+
+
+def staircase(broadband: float = 2e-5, rig=None, speeds=SPEEDS):
+    """Columns of a staircase with 30 s holds."""
     profile = Profile(tuple(Hold(float(v), 30.0) for v in speeds))
     settings = rig_settings(RATE, broadband, (40e-6, 10e-6), initial_speed=float(speeds[0]))
-    stream = RollerRig(paper_rig() if rig is None else rig, settings, seed)
-    count = round(profile.duration_s * RATE)
-    block = stream.advance(count, np.interp(np.arange(count) / RATE, *profile.corners()))
-    return block.stamps_ns, block.lateral, block.speed, block.roller_angle
+    return driven(profile, rig or paper_rig(), settings)
 
 
 @pytest.fixture(scope='module')
 def climb():
-    return staircase(2e-5)
+    return staircase()
 
 
 def forecast_of(columns, rig=None, **more):
@@ -75,7 +81,7 @@ def test_another_rig_that_hunts_at_twice_the_speed(law):
     ).with_linear(2.2, 2.2)
     truth = theory(rig)
     assert truth > 12.0
-    columns = staircase(2e-5, rig=rig, speeds=np.linspace(0.5 * truth, 0.9 * truth, 9))
+    columns = staircase(rig=rig, speeds=np.linspace(0.5 * truth, 0.9 * truth, 9))
     guess = rig.with_linear(1.5, 3.0) if law == 'wheelset' else None
     found = forecast_of(columns, guess, live=False)
     assert found.law == law
@@ -128,12 +134,10 @@ def test_a_sweep_through_v_c_of_a_supercritical_rig_is_not_forecast_too_high(law
     # To where no test of hunting has spoken yet.
     profile = Profile((Corners((0.0, 10.0, 250.0), (6.0, 6.0, 8.4)),))
     options = rig_settings(100.0, 2e-5, initial_speed=6.0)
+    guess = rough_guess() if law == 'wheelset' else None
     found = []
     for seed in range(6):
-        stream = RollerRig(rig, options, seed)
-        block = stream.advance(25_000, np.interp(np.arange(25_000) / 100.0, *profile.corners()))
-        guess = rough_guess() if law == 'wheelset' else None
-        columns = block.stamps_ns, block.lateral, block.speed, block.roller_angle
+        columns = driven(profile, rig, options, seed)
         found.append(forecast_of(columns, guess, live=False).critical_speed)
     given = [one for one in found if one is not None]
     assert len(given) >= 4

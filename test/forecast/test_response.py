@@ -23,9 +23,10 @@ from hunt_ros.forecast.response import (
 )
 
 
-def flat_levels(speeds, duration=60.0):
+def flat_levels(speeds, duration=60.0, bins=None):
     """Levels whose periodogram is still to be filled in."""
-    omega = 2.0 * np.pi * np.arange(math.ceil(0.8 * duration), 8.0 * duration) / duration
+    bins = np.arange(math.ceil(0.8 * duration), 8.0 * duration) if bins is None else bins
+    omega = 2.0 * np.pi * bins / duration
     ones = np.ones(omega.size)
     return [SpeedLevel(speed, duration, omega, ones, ones, ones, 5e-14, 1e-5) for speed in speeds]
 
@@ -51,9 +52,7 @@ def test_the_power_of_the_wheelset_law_is_the_variance_of_the_response(channel):
     theta = law.prior_mean.copy()
     theta[4], theta[-1] = math.log(strength), -80.0
     theta[5] = 0.0
-    omega = 2.0 * np.pi * np.arange(1, 12_000) / 600.0
-    ones = np.ones(omega.size)
-    spectra = Spectra([SpeedLevel(speed, 600.0, omega, ones, ones, ones, 1e-14, 1e-5)], 0.0, 99.0)
+    spectra = Spectra(flat_levels([speed], 600.0, np.arange(1, 12_000)), 0.0, 99.0)
     power = expected_periodogram(law, spectra, theta)
     covariance = quiet_covariance(rig, speed, strength)
     variance = covariance[2, 2] if channel == 'yaw' else covariance[0, 0] * rig.length_scale**2
@@ -121,10 +120,7 @@ def test_neighbouring_bins_of_a_short_window_are_correlated_as_computed():
     )
     motion = np.real(lfilter([1.0], [1.0, -root], drive, axis=1))[:, 400:]
     power = np.abs(np.fft.rfft(motion, axis=1)) ** 2
-    omega = 2.0 * np.pi * np.arange(12, 22) / (count * step)
-    ones = np.ones(omega.size)
-    level = SpeedLevel(7.0, count * step, omega, ones, ones, ones, 1e-14, 1.0)
-    spectra = Spectra([level], 0.0, 99.0)
+    spectra = Spectra(flat_levels([7.0], count * step, np.arange(12, 22)), 0.0, 99.0)
     pair = np.array([[rate, rate.conjugate()]])
     residue = np.ones((1, 2), dtype=complex)
     expected = spectra.of_modes(pair, residue)

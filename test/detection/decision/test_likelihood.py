@@ -72,13 +72,6 @@ def test_after_a_kick_what_holds_is_hunting_and_what_falls_is_not() -> None:
     assert np.isinf(falls).sum() >= 19
 
 
-def test_an_hour_may_have_more_false_alarms_than_a_year_and_has_them_sooner() -> None:
-    t = np.arange(60 * ROWS) / ROWS
-    path = noise(60.0, 0.4) + QUIET * np.exp(0.15 * np.maximum(t - 20.0, 0.0))
-    hour, year = (judged(path, false_alarms_per_week=rate) for rate in (168.0, 1.0 / 52.0))
-    assert seconds_to_alarm(hour) < seconds_to_alarm(year)
-
-
 def test_what_is_damped_by_less_than_the_least_damping_passes_for_a_limit_cycle() -> None:
     path = kicked(0.1, 3)
     assert math.isinf(seconds_to_alarm(judged(path)))

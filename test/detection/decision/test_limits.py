@@ -6,43 +6,30 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fed import Fed
-from made import SECOND, record_of
+from fed import Moving
+from made import SECOND
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State
 from hunt_ros.errors import ConfigError
 
-RATE_HZ = 200.0
-HUNTING_HZ = 2.84
 
-
-class Rig(Fed):
+class Rig(Moving):
     """Moves sideways by amplitudes given per second; no form, a speed of 7.2 m/s."""
 
     def __init__(self, channels: tuple[str, ...] = ('lateral', 'speed'), **settings) -> None:
         config = DetectorConfig(channels=channels, critical_speed_mps=8.0, **settings)
         super().__init__(HuntingDetector(config))
-        self._seconds = 0.0
-        self._random = np.random.default_rng(1)
 
-    def move(self, *amplitudes_m: float, scale: dict[str, float] | None = None) -> None:
+    def hold(self, *amplitudes_m: float, **more: float) -> None:
         """Go on for a second with each amplitude."""
-        scale = scale or {'lateral': 1.0}
-        sizes = np.repeat(amplitudes_m, round(RATE_HZ))
-        t = self._seconds + (np.arange(sizes.size) + 1) / RATE_HZ
-        self._seconds += len(amplitudes_m)
-        noise = 2e-6 * self._random.standard_normal(t.size)
-        motion = sizes * np.cos(2.0 * np.pi * HUNTING_HZ * t) + noise
-        moved = {name: factor * motion for name, factor in scale.items()}
-        for name, part in record_of(t, **moved, speed=7.2).items():
-            self.feed(name, part)
+        self.move(np.repeat(amplitudes_m, 200), **more)
 
     def tick(self) -> None:
-        self.outputs.append(self.detector.tick(round(self._seconds * SECOND)))
+        self.outputs.append(self.detector.tick(round(self.seconds * SECOND)))
 
     @property
     def events(self) -> list:
-        return [event for output in self.outputs for event in output.events]
+        return list(self.output.events)
 
     def said(self) -> list[tuple[str, str]]:
         """Return word and test of the events about limits."""
@@ -55,14 +42,14 @@ class Rig(Fed):
 
 def test_a_limit_is_its_own_cause_with_hysteresis_and_an_alarm_that_latches() -> None:
     rig = Rig(warn_lateral_mm=1.0, alarm_lateral_mm=2.0)
-    rig.move(*[20e-6] * 4)
+    rig.hold(*[20e-6] * 4)
     assert not rig.said()
-    rig.move(*[1.5e-3] * 2)
+    rig.hold(*[1.5e-3] * 2)
     warned = [event for event in rig.events if event.event == 'limit_exceeded']
     assert [event.test for event in warned] == ['warn_lateral_mm']
     assert 'warn limit of 1 mm' in warned[0].cause
     assert 4 * SECOND < warned[0].since_ns < warned[0].stamp_ns < 5 * SECOND
-    rig.move(*[2.5e-3] * 2)
+    rig.hold(*[2.5e-3] * 2)
     status = rig.detector.status
     assert (status.level, status.alarm) == (Level.ERROR, True)
     (over,) = (event for event in rig.events if event.test == 'alarm_lateral_mm')
@@ -72,9 +59,9 @@ def test_a_limit_is_its_own_cause_with_hysteresis_and_an_alarm_that_latches() ->
         reason.startswith('lateral amplitude above its alarm limit') for reason in status.reasons
     )
     count = len(rig.said())
-    rig.move(*[1.9e-3, 2.1e-3] * 4)  # about the limit: nothing changes
+    rig.hold(*[1.9e-3, 2.1e-3] * 4)  # about the limit: nothing changes
     assert len(rig.said()) == count
-    rig.move(*[20e-6] * 6)
+    rig.hold(*[20e-6] * 6)
     assert sorted(rig.said()[count:]) == [
         ('limit_cleared', 'alarm_lateral_mm'),
         ('limit_cleared', 'warn_lateral_mm'),
@@ -92,32 +79,31 @@ def test_a_limit_is_its_own_cause_with_hysteresis_and_an_alarm_that_latches() ->
 )
 def test_each_quantity_has_a_limit_in_its_unit(setting: str, value: float) -> None:
     rig = Rig(('lateral', 'yaw', 'speed'), **{setting: value})
-    scale = {'lateral': 1.0, 'yaw': 2.5}
     # 0.5 mm at 2.84 Hz: 1.25 mrad, 0.159 m/s2.
-    rig.move(*[0.45e-3 if setting != 'alarm_lateral_mm' else 0.35e-3] * 3, scale=scale)
+    rig.hold(*[0.45e-3 if setting != 'alarm_lateral_mm' else 0.35e-3] * 3, yaw=2.5)
     rig.tick()
     if setting != 'alarm_yaw_mrad':
         assert not rig.said()
-    rig.move(*[0.5e-3] * 3, scale=scale)
+    rig.hold(*[0.5e-3] * 3, yaw=2.5)
     assert ('limit_exceeded', setting) in rig.said()
     assert f'{value:g}' in next(e.cause for e in rig.events if e.test == setting)
 
 
 def test_limits_change_while_it_runs_and_are_replayed_bit_for_bit() -> None:
     rig = Rig(alarm_lateral_mm=5.0)
-    rig.move(*[1.5e-3] * 3)
+    rig.hold(*[1.5e-3] * 3)
     assert not rig.said()
     rig.outputs.append(
         rig.detector.reconfigure(replace(rig.detector.config, alarm_lateral_mm=1.0))
     )
-    rig.move(*[1.5e-3] * 2)
+    rig.hold(*[1.5e-3] * 2)
     assert rig.said() == [('limit_exceeded', 'alarm_lateral_mm')]
     rig.outputs.append(rig.detector.acknowledge(5 * SECOND, 'Mia'))
     assert rig.detector.status.alarm, 'the limit is still exceeded'
     rig.outputs.append(
         rig.detector.reconfigure(replace(rig.detector.config, alarm_lateral_mm=0.0))
     )
-    rig.move(*[1.5e-3] * 2)
+    rig.hold(*[1.5e-3] * 2)
     assert rig.said()[-1] == ('limit_cleared', 'alarm_lateral_mm')
     assert 'is off' in rig.events[[e.event for e in rig.events].index('limit_cleared')].cause
     rig.assert_replayed()
@@ -125,7 +111,7 @@ def test_limits_change_while_it_runs_and_are_replayed_bit_for_bit() -> None:
 
 def test_a_pause_does_not_take_a_limit_back() -> None:
     rig = Rig(alarm_lateral_mm=1.0)
-    rig.move(*[1.5e-3] * 3)
+    rig.hold(*[1.5e-3] * 3)
     assert rig.detector.status.alarm
     rig.detector.restart()
     assert rig.detector.status.alarm
@@ -151,10 +137,10 @@ def test_an_optional_channel_that_is_absent_is_no_warning_but_is_said() -> None:
     channels = ('lateral', 'yaw', 'speed')
     needed, optional = Rig(channels), Rig(channels, optional_channels=('yaw',))
     for rig in (needed, optional):
-        rig.move(0.0)
+        rig.hold(0.0)
         rig.tick()
         for _ in range(20):
-            rig.move(0.0)
+            rig.hold(0.0)
             rig.tick()
     assert needed.detector.status.level is Level.STALE
     status = optional.detector.status

@@ -155,15 +155,6 @@ def test_the_interval_is_that_of_the_form_and_the_noise() -> None:
         assert np.median(exact[name]) == pytest.approx(unstable, rel=0.02)
 
 
-def test_a_limit_cycle_within_what_is_quiet_is_none() -> None:
-    supercritical = replace(FORM, D4=-0.3, D15=0.0, D10=0.0)
-    table = OutlookTable(IdentifiedNormalForm(supercritical))
-    speed = 1.01 * FORM.critical_speed
-    stable = float(supercritical.stable_amplitude(speed))
-    assert chance(table.at(speed, 1e-16, 0.0, 0.3 * stable, 0.0), 0.8 * stable) == 1.0
-    assert chance(table.at(speed, 1e-16, 0.0, 1.2 * stable, 0.0), 2.0 * stable) == 0.0
-
-
 def test_an_unstable_branch_beyond_the_limit_cycle_is_not_on_the_way_to_it() -> None:
     soft = replace(FORM, D4=-9.0, D10=0.0, D15=0.0)
     outer = replace(soft, D15=900.0)  # as an uncertain form is drawn now and then

@@ -95,15 +95,6 @@ def test_the_interval_of_the_margin_holds_the_margin(numbers, speed, amplitude, 
     assert row['margin'] == pytest.approx(float(FORM.unstable_amplitude(speed)) / amplitude)
 
 
-@settings(deadline=None)
-@given(speeds)
-def test_the_branches_are_those_of_the_form(speed) -> None:
-    row = _row(EXACT, speed, 1e-4, 0.0)
-    expected = [float(x) for x in FORM.steady_amplitudes(speed)]
-    found = [float(row['unstable_amplitude']), float(row['stable_amplitude'])]
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
-
-
 @pytest.mark.parametrize('line', [10e-6, 30e-6, 60e-6])
 def test_roughness_lowers_the_edge_as_the_line_does(line: float) -> None:
     # To first order, of a line that is incommensurate with the hunting.

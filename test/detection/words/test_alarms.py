@@ -6,47 +6,35 @@ import json
 
 import numpy as np
 import pytest
-from fed import Fed
-from made import PAPER, SECOND, stamps_of
+from fed import Moving
+from made import PAPER, SECOND
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector
 from hunt_ros.detection.output import Output
 from hunt_ros.detection.words.alarms import KEPT, AlarmHistory
-from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.samples import Series
 
-RATE_HZ = 200.0
 CYCLE_M = 630e-6
 
 
-def episode(start_s: float) -> tuple[Series, Series]:
-    """Return 25 s: quiet, growth to the limit cycle at 7.2 m/s, its decay below v_n; speed."""
-    t = np.arange(round(25.0 * RATE_HZ)) / RATE_HZ
+def fresh() -> Moving:
+    config = DetectorConfig(channels=('lateral', 'speed'))
+    return Moving(HuntingDetector(config, PAPER))
+
+
+def episode(rig: Moving, start_s: float = 0.0) -> Output:
+    """Move for 25 s: quiet, growth to the limit cycle at 7.2 m/s, its decay below v_n."""
+    t = np.arange(5000) / 200.0
     grown = np.minimum(20e-6 * np.exp(np.maximum(t - 3.0, 0.0)), CYCLE_M)
     amplitude = np.where(t < 10.0, grown, np.maximum(CYCLE_M * np.exp(-0.8 * (t - 10.0)), 2e-6))
-    noise = 2e-6 * np.random.default_rng(1).standard_normal(t.size)
-    turn = 2.0 * np.pi * PAPER_NORMAL_FORM.frequency_hz * t
-    stamps = stamps_of(start_s + t + 1.0 / RATE_HZ)
-    speed = np.where(t < 10.0, 7.2, 6.0)
-    return Series(stamps, amplitude * np.cos(turn) + noise), Series(stamps, speed)
-
-
-def detector() -> HuntingDetector:
-    return HuntingDetector(DetectorConfig(channels=('lateral', 'speed')), PAPER)
-
-
-def feed(rig: Fed, start_s: float, blocks: int = 1) -> Output:
-    lateral, speed = episode(start_s)
     begun = len(rig.outputs)
-    for part in np.array_split(np.arange(len(lateral)), blocks):
-        for name, series in (('lateral', lateral), ('speed', speed)):
-            rig.feed(name, Series(series.stamps_ns[part], series.values[part]))
+    rig.move(amplitude, np.where(t < 10.0, 7.2, 6.0), start_s=start_s)
     return Output.joined(rig.outputs[begun:])
 
 
 def test_an_alarm_is_kept_with_its_cause_its_size_and_who_acknowledged() -> None:
-    rig = detector()
-    events = feed(Fed(rig), 0.0).events
+    moving = fresh()
+    rig, events = moving.detector, episode(moving).events
     (alarm,) = rig.history.alarms
     escape, over = (next(e for e in events if e.event == word) for word in ('escaping', 'quiet'))
     assert (alarm.began_ns, alarm.decided_ns) == (escape.since_ns, escape.stamp_ns)
@@ -60,7 +48,7 @@ def test_an_alarm_is_kept_with_its_cause_its_size_and_who_acknowledged() -> None
 
     (said,) = rig.acknowledge(26 * SECOND, 'Mia').events
     assert 'by Mia' in said.cause
-    feed(Fed(rig), 30.0)
+    episode(moving, 30.0)
     (said,) = rig.acknowledge(56 * SECOND).events
     assert 'by unknown' in said.cause
     first, second = rig.history.alarms
@@ -79,28 +67,31 @@ def test_an_alarm_is_kept_with_its_cause_its_size_and_who_acknowledged() -> None
 
 
 def test_blocks_a_pause_and_a_replay_do_not_change_the_history() -> None:
-    whole, parted = detector(), detector()
-    feed(Fed(whole), 0.0)
-    rig = Fed(parted)
-    feed(rig, 0.0, blocks=173)
-    assert parted.history.to_text() == whole.history.to_text()
+    whole, rig = fresh(), fresh()
+    parted = rig.detector
+    episode(whole)
+    for part in np.array_split(np.arange(5000), 173):
+        for name, series in whole.record.items():
+            rig.feed(name, Series(series.stamps_ns[part], series.values[part]))
+    assert parted.history.to_text() == whole.detector.history.to_text()
     rig.outputs.append(parted.acknowledge(26 * SECOND, 'Mia'))
     before = list(parted.history.alarms)
     parted.restart()
-    feed(rig, 100.0)
+    episode(rig, 100.0)
     assert list(parted.history.alarms)[:1] == before
     assert parted.history.count == 2
     again = rig.assert_replayed()
+    assert again.history.to_text() == parted.history.to_text()
     again.reset()
     assert not again.history.alarms
 
 
 def test_the_oldest_alarms_go_and_the_totals_stay() -> None:
-    rig = detector()
-    output = feed(Fed(rig), 0.0)
-    history = AlarmHistory(rig.config.period_ns)
+    rig = fresh()
+    output = episode(rig)
+    history = AlarmHistory(rig.detector.config.period_ns)
     for _ in range(KEPT + 3):
         history.update(output.estimates, output.events)
     assert len(history.alarms) == KEPT
     assert history.count == KEPT + 3
-    assert history.hunting_hours == pytest.approx((KEPT + 3) * rig.history.hunting_hours)
+    assert history.hunting_hours == pytest.approx((KEPT + 3) * rig.detector.history.hunting_hours)
