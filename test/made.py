@@ -13,7 +13,6 @@ from scipy.signal import lfilter
 from scipy.stats import binom
 
 from hunt_ros.bag import write_record
-from hunt_ros.detection import HuntingDetector
 from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, from_normal_form, lawful
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
