@@ -81,6 +81,11 @@ class Estimator:
         shape, self._shape = self._shape, None
         self.set_mode_shape(shape)
 
+    @property
+    def looks_for(self) -> int:
+        """Rows after which motion outside the range is known, if there is any."""
+        return max(lines.looks_for for lines in self._lines.values())
+
     def configure(self, config: DetectorConfig) -> None:
         """Use other settings from the next sample on; the channels are watched on."""
         moved = tracker_config(config) != tracker_config(self.config)

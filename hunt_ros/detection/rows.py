@@ -64,6 +64,7 @@ class RowMaker:
         self._judging = ''
         self._floors: dict[str, NDArray[np.void]] = {}
         self._looked_up = _NO_LOOK
+        self._unseen = 0
         self.set_normal_form(None)
 
     def set_normal_form(self, identified: IdentifiedNormalForm | None) -> None:
@@ -105,6 +106,9 @@ class RowMaker:
             return
         self.config = tuned
         self._estimator.configure(tuned)
+        if self.state >= State.ESCAPING:
+            # The hunting may lie outside the range now: until that is known it does not end.
+            self._unseen = self._estimator.looks_for
         # The noise that it has learnt is that at another frequency; the hunting is the same.
         self._forget(floor=False, reference=True)
         self._floors.clear()
@@ -154,7 +158,10 @@ class RowMaker:
         """
         rows, disagree, motion = self._estimator.run(rows_ns, blocks)
         if rows.size:
-            self._decide(rows, self._trusted(rows), disagree)
+            trusted = self._trusted(rows)
+            trusted[: self._unseen] = False
+            self._unseen = max(self._unseen - rows.size, 0)
+            self._decide(rows, trusted, disagree)
             self._levels(rows)
             row = np.searchsorted(rows['stamp_ns'], motion['stamps_ns'])
             motion['quiet'] = rows['state'][np.minimum(row, rows.size - 1)] <= State.DISTURBED

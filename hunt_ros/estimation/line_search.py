@@ -85,6 +85,8 @@ class LineSearch:
         self._average = 1.0 - np.exp(-turn / (2.0 * math.pi * _AVERAGED))
         self._slow = 1.0 - math.exp(-2.0 * math.pi * low_hz / (2.0 * _BEYOND) / rate_hz)
         self._hold = float(round(_PERIODS * rate_hz / low_hz))
+        #: Values after which a line that was there from the first one has been found.
+        self.looks_for = math.ceil((_PERIODS + _AVERAGED * _BEYOND) * rate_hz / low_hz)
         self._rate = rate_hz
         self._orders = np.array(orders, dtype=np.float64)
         # Of each resonator its state, and the averages of its power and of its turning.
