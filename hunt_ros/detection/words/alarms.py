@@ -112,8 +112,8 @@ class AlarmHistory:
         Those that are kept, the oldest first.
     count : int
         Alarms so far, also those that are no longer kept.
-    since_ns : int
-        First row that was seen; 0 before any. What was before is not known here.
+    since_ns : int or None
+        First row that was seen; None before any. What was before is not known here.
     highest : dict of str to float
         Highest amplitudes of the hunting by the names of `Alarm`; NaN before any.
     """
@@ -125,7 +125,7 @@ class AlarmHistory:
         self._decays = False
         self._hunting_rows = 0
         self.count = 0
-        self.since_ns = 0
+        self.since_ns: int | None = None
         self.highest = {name: math.nan for _, name in _COLUMNS}
 
     @property
@@ -150,7 +150,7 @@ class AlarmHistory:
         events : sequence of Event
             Their transitions, in order.
         """
-        if not self.since_ns:
+        if self.since_ns is None:
             self.since_ns = int(rows['stamp_ns'][0])
         hunting = rows['state'] >= State.ESCAPING
         told = [event for event in events if event.event in _TOLD]
@@ -208,9 +208,9 @@ class AlarmHistory:
 
     def to_json(self, origin_ns: int = 0) -> dict[str, Any]:
         """Return the totals, and the alarms that are kept, the oldest first; s from an origin."""
-        since_ns = self.since_ns - origin_ns
+        since_ns = self.since_ns
         return {
-            'since_s': since_ns / NANOSECONDS if self.since_ns else None,
+            'since_s': None if since_ns is None else (since_ns - origin_ns) / NANOSECONDS,
             **self.totals(),
             'alarms': [alarm.to_json(origin_ns) for alarm in self.alarms],
         }

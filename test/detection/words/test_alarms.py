@@ -95,3 +95,12 @@ def test_the_oldest_alarms_go_and_the_totals_stay() -> None:
     assert len(history.alarms) == KEPT
     assert history.count == KEPT + 3
     assert history.hunting_hours == pytest.approx((KEPT + 3) * rig.detector.history.hunting_hours)
+
+
+def test_a_history_that_begins_at_stamp_zero_says_so() -> None:
+    rows = episode(fresh()).estimates[:20]
+    rows['stamp_ns'] -= rows['stamp_ns'][0]
+    history = AlarmHistory(10_000_000)
+    for row in np.array_split(rows, 20):
+        history.update(row, ())
+    assert history.to_json()['since_s'] == 0.0
