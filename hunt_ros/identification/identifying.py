@@ -31,6 +31,7 @@ from hunt_ros.identification.preparation import (
 )
 from hunt_ros.identification.record.envelope import (
     WINDOW_CYCLES,
+    WINDOW_OVERLAP,
     WINDOW_REACH,
     WINDOW_VARIANCE,
     Envelope,
@@ -381,6 +382,7 @@ def _path(
         restart=np.concatenate([np.arange(size) == 0 for size in sizes]),
         blur=WINDOW_VARIANCE * half**2,
         reach=WINDOW_REACH * half,
+        overlap=WINDOW_OVERLAP,
         line=np.concatenate([_line(run.envelope) for run in runs]) / scales.amplitude**2,
         recording=recording,
         hold_std=hold_std / scales.speed,

@@ -55,6 +55,8 @@ class Path:
         Variance of the window in which each phasor was measured, s^2.
     reach : float
         Mean distance of two instants of such a window, s.
+    overlap : float
+        Correlation of the noise of neighbouring windows, below 1/2.
     line : ndarray, shape (n,), optional
         Power (B / A_ref)^2 of the lines that the roller forces on y beside hunting.
     recording : ndarray of int, shape (n,), optional
@@ -70,6 +72,7 @@ class Path:
     restart: NDArray[np.bool_]
     blur: float = 0.0
     reach: float = 0.0
+    overlap: float = 0.0
     line: NDArray[np.float64] | None = None
     recording: NDArray[np.int64] | None = None
     hold_std: float = 0.0
@@ -88,6 +91,7 @@ class Path:
                 self.restart[a:b],
                 self.blur,
                 self.reach,
+                self.overlap,
                 None if self.line is None else self.line[a:b],
             )
             for a, b in itertools.pairwise(edges.tolist())
@@ -275,13 +279,17 @@ def _walk(
     noise = theta[TERMS:]
     r = math.exp(noise[3])
     jitter = math.exp(noise[4])
-    blur, reach = window[0], window[1]
+    blur, reach, shared = window[0], window[1], window[2]
     sensitive = lanes.size > 0
     work = np.zeros((8, TERMS))
     edge = np.zeros((8, TERMS))
-    # Derivatives of the state, in the order a_re a_im p_r p_t.
-    d = np.zeros((lanes.size, 4))
+    # Derivatives of the state, in the order a_re a_im p_r p_t e_re e_im v_r v_t x_r x_t.
+    d = np.zeros((lanes.size, 10))
+    # Windows overlap: n_k = e_k + shared e_{k-1}. The last e is part of the state: its
+    # estimate, its variances, and its covariances with the amplitude.
+    fresh = r / (1.0 + shared * shared)
     a_re = a_im = p_r = p_t = 0.0
+    e_re = e_im = v_r = v_t = x_r = x_t = 0.0
     last = 0
     for k in range(time.size):
         out[k, :] = 0.0
@@ -298,6 +306,9 @@ def _walk(
             a_im = imag[k] * sharp
             p_r = r
             p_t = r
+            e_re = e_im = 0.0
+            v_r = v_t = fresh
+            x_r = x_t = -fresh
             for n in range(lanes.size):
                 j = lanes[n]
                 change = 0.0
@@ -308,6 +319,9 @@ def _walk(
                 d[n, 0] = real[k] * change
                 d[n, 1] = imag[k] * change
                 d[n, 2] = d[n, 3] = own * r
+                d[n, 4] = d[n, 5] = 0.0
+                d[n, 6] = d[n, 7] = own * fresh
+                d[n, 8] = d[n, 9] = -own * fresh
             last = k
             continue
         dt = time[k] - time[last]
@@ -334,16 +348,22 @@ def _walk(
         m_r = pow_r * p_r + q * dt * mean_r
         m_t = pow_t * p_t + q * dt * mean_t + turning * dt
         gain, gain_by = _blurred(p, u[k], amplitude, line[k], blur, sensitive, edge)
-        i_r = c * real[k] + s * imag[k] - gain * amplitude
-        i_t = c * imag[k] - s * real[k]
+        n_r = c * e_re + s * e_im
+        n_t = c * e_im - s * e_re
+        i_r = c * real[k] + s * imag[k] - gain * amplitude - shared * n_r
+        i_t = c * imag[k] - s * real[k] - shared * n_t
         # A window smooths the random motion inside it: the variance it takes away counts
         # as noise below zero (exact for a random walk, and in the limit of fast return).
         slow_r = 1.0 + reach * max(-log_r / dt, 0.0)
         slow_t = 1.0 + reach * max(-log_t / dt, 0.0)
         less_r = 0.5 * reach * q / slow_r
         less_t = 0.5 * reach * (q + turning) / slow_t
-        s_r = m_r + r - less_r
-        s_t = m_t + r - less_t
+        keep_r = shared * math.exp(log_r)
+        keep_t = shared * math.exp(log_t)
+        y_r = keep_r * x_r
+        y_t = keep_t * x_t
+        s_r = m_r + 2.0 * y_r + shared * shared * v_r + fresh - less_r
+        s_t = m_t + 2.0 * y_t + shared * shared * v_t + fresh - less_t
         floor_r = 0.1 * m_r + 0.01 * r
         floor_t = 0.1 * m_t + 0.01 * r
         low_r = s_r < floor_r
@@ -359,8 +379,10 @@ def _walk(
         out[k, 1] = i_t / root_t
         out[k, 2] = math.log(s_r)
         out[k, 3] = math.log(s_t)
-        k_r = m_r / s_r
-        k_t = m_t / s_t
+        k_r = (m_r + y_r) / s_r
+        k_t = (m_t + y_t) / s_t
+        f_r = fresh / s_r
+        f_t = fresh / s_t
         along = amplitude + k_r * i_r
         across = k_t * i_t
         for n in range(lanes.size):
@@ -390,6 +412,7 @@ def _walk(
             else:
                 d_jitter = jitter
             dq = q * d_push if -40.0 < push < 10.0 else 0.0
+            d_fresh = d_r / (1.0 + shared * shared)
             d_grown = dx - d_log
             d_log_r = d_grown + d_slope if -40.0 < grown + slope < 20.0 else 0.0
             d_log_t = d_grown if -40.0 < grown < 20.0 else 0.0
@@ -400,28 +423,57 @@ def _walk(
             dm_t = pow_t * (d[n, 3] + 2.0 * p_t * d_log_t)
             dm_t += dt * (dq * mean_t + 2.0 * q * mean_by_t * d_log_t + d_turning)
             d_gain += gain_by * d_amplitude
+            dn_r = dc * e_re + c * d[n, 4] + ds * e_im + s * d[n, 5]
+            dn_t = dc * e_im + c * d[n, 5] - ds * e_re - s * d[n, 4]
             di_r = dc * real[k] + ds * imag[k] - d_gain * amplitude - gain * d_amplitude
-            di_t = dc * imag[k] - ds * real[k]
+            di_r -= shared * dn_r
+            di_t = dc * imag[k] - ds * real[k] - shared * dn_t
             d_slow_r = -reach * d_log_r / dt if log_r < 0.0 else 0.0
             d_slow_t = -reach * d_log_t / dt if log_t < 0.0 else 0.0
             d_less_r = (0.5 * reach * dq - less_r * d_slow_r) / slow_r
             d_less_t = (0.5 * reach * (dq + d_turning) - less_t * d_slow_t) / slow_t
-            ds_r = 0.1 * dm_r + 0.01 * d_r if low_r else dm_r + d_r - d_less_r
-            ds_t = 0.1 * dm_t + 0.01 * d_r if low_t else dm_t + d_r - d_less_t
+            dy_r = keep_r * (d[n, 8] + x_r * d_log_r)
+            dy_t = keep_t * (d[n, 9] + x_t * d_log_t)
+            if low_r:
+                ds_r = 0.1 * dm_r + 0.01 * d_r
+            else:
+                ds_r = dm_r + 2.0 * dy_r + shared * shared * d[n, 6] + d_fresh - d_less_r
+            if low_t:
+                ds_t = 0.1 * dm_t + 0.01 * d_r
+            else:
+                ds_t = dm_t + 2.0 * dy_t + shared * shared * d[n, 7] + d_fresh - d_less_t
             by[n, k, 0] = (di_r - 0.5 * i_r / s_r * ds_r) / root_r
             by[n, k, 1] = (di_t - 0.5 * i_t / s_t * ds_t) / root_t
             by[n, k, 2] = ds_r / s_r
             by[n, k, 3] = ds_t / s_t
-            dk_r = (dm_r - k_r * ds_r) / s_r
-            dk_t = (dm_t - k_t * ds_t) / s_t
+            dk_r = (dm_r + dy_r - k_r * ds_r) / s_r
+            dk_t = (dm_t + dy_t - k_t * ds_t) / s_t
+            df_r = (d_fresh - f_r * ds_r) / s_r
+            df_t = (d_fresh - f_t * ds_t) / s_t
             d_along = d_amplitude + dk_r * i_r + k_r * di_r
             d_across = dk_t * i_t + k_t * di_t
             d[n, 0] = dc * along + c * d_along - ds * across - s * d_across
             d[n, 1] = ds * along + s * d_along + dc * across + c * d_across
             d[n, 2] = dm_r - 2.0 * k_r * dk_r * s_r - k_r * k_r * ds_r
             d[n, 3] = dm_t - 2.0 * k_t * dk_t * s_t - k_t * k_t * ds_t
+            d_along = df_r * i_r + f_r * di_r
+            d_across = df_t * i_t + f_t * di_t
+            d[n, 4] = dc * f_r * i_r + c * d_along - ds * f_t * i_t - s * d_across
+            d[n, 5] = ds * f_r * i_r + s * d_along + dc * f_t * i_t + c * d_across
+            d[n, 6] = d_fresh - df_r * fresh - f_r * d_fresh
+            d[n, 7] = d_fresh - df_t * fresh - f_t * d_fresh
+            d[n, 8] = -dk_r * fresh - k_r * d_fresh
+            d[n, 9] = -dk_t * fresh - k_t * d_fresh
         a_re = c * along - s * across
         a_im = s * along + c * across
+        along = f_r * i_r
+        across = f_t * i_t
+        e_re = c * along - s * across
+        e_im = s * along + c * across
+        x_r = -k_r * fresh
+        x_t = -k_t * fresh
+        v_r = fresh - fresh * f_r
+        v_t = fresh - fresh * f_t
         p_r = m_r - k_r * k_r * s_r
         p_t = m_t - k_t * k_t * s_t
         last = k
@@ -489,9 +541,16 @@ def _run(
         np.ascontiguousarray(path.phasor.imag),
         np.zeros(path.time.size) if path.line is None else path.line,
         path.starts,
-        np.array([path.blur, path.reach]),
+        np.array([path.blur, path.reach, _shared(path.overlap)]),
         lanes,
         out,
         by,
     )
     return out, by
+
+
+def _shared(correlation: float) -> float:
+    """Coefficient b of the moving average e_k + b e_{k-1} of a correlation b / (1 + b^2)."""
+    if correlation == 0.0:
+        return 0.0
+    return (1.0 - math.sqrt(1.0 - 4.0 * correlation**2)) / (2.0 * correlation)
