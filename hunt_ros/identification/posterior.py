@@ -152,7 +152,8 @@ class Posterior:
         often = np.flatnonzero(known.sum(axis=0) >= max(0.5 * len(known), 10))
         matrix = np.full((len(QUANTITIES), len(QUANTITIES)), np.nan)
         rows = self.table[known[:, often].all(axis=1)][:, often]
-        matrix[np.ix_(often, often)] = rank_correlations(rows)
+        if often.size:
+            matrix[np.ix_(often, often)] = rank_correlations(rows)
         return matrix
 
     def branches(self, speeds: ArrayLike) -> dict[BranchName, list[Uncertain | None]]:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.dynamics.covariance_root import inverse_of
 from hunt_ros.dynamics.growth_law import FELT, PAPER_TERMS, TERMS, reading
+from hunt_ros.identification.likelihood.damping_bias import damping_correction
 from hunt_ros.identification.likelihood.path_likelihood import (
     ALL_TERMS,
     NOISE_TERMS,
@@ -92,6 +93,8 @@ class TrajectoryFit:
     innovations : ndarray, shape (n, 4)
     remaining : float
         Gain of the log likelihood that the last step still promises, within the bounds.
+    correction : ndarray, shape (11,)
+        What to add to the law for the bias of the damping of its quiet motion.
     own : ndarray, shape (recordings, 5)
         What each recording has of its own: logarithms of measured over true amplitude and of
         true over measured speed, shift of its v_c over v_ref, logarithms of its forcing Q and
@@ -105,6 +108,7 @@ class TrajectoryFit:
     log_likelihood: float
     innovations: NDArray[np.float64]
     remaining: float
+    correction: NDArray[np.float64]
     own: NDArray[np.float64]
     spread: NDArray[np.float64]
 
@@ -124,8 +128,9 @@ class TrajectoryFit:
 
     @property
     def law(self) -> NDArray[np.float64]:
-        """Coefficients of the growth law."""
-        return self.theta[:-NOISE_TERMS]
+        """Coefficients of the growth law, freed from the bias of the damping."""
+        law: NDArray[np.float64] = self.theta[:-NOISE_TERMS] + self.correction
+        return law
 
 
 def as_read(theta: Array, own: Array) -> Array:
@@ -175,6 +180,7 @@ class _Expansion:
     gradient: Array
     information: Array
     innovations: Array
+    derivative: Array
     own_slope: Array
     own_block: Array
     cross: Array
@@ -260,7 +266,7 @@ class _Problem:
         """Value, gradient, and expected information."""
         n, parts = theta.size, self.path.recordings
         gradient, information = np.zeros(n), np.zeros((n, n))
-        base = []
+        base, derivative = [], []
         slopes, blocks = np.zeros((len(parts), _OWN)), np.tile(np.eye(_OWN), (len(parts), 1, 1))
         cross = np.zeros((len(parts), n, _OWN))
         for r, (one, part) in enumerate(zip(own, parts, strict=True)):
@@ -281,6 +287,7 @@ class _Problem:
             gradient += point[:n]
             information += whole[:n, :n]
             base.append(out)
+            derivative.append(np.tensordot(way[:, :n].T, d_e, axes=1))
         k = self.told
         gradient[k] -= self.away(theta) / self.std[k]
         information[k, k] += 1.0 / self.std[k] ** 2
@@ -298,7 +305,16 @@ class _Problem:
                 information += np.outer(slope, slope) / std**2
         joined = np.concatenate(base)
         value = self.value(theta, own, joined)
-        return _Expansion(value, gradient, information, joined, slopes, blocks, cross)
+        return _Expansion(
+            value,
+            gradient,
+            information,
+            joined,
+            np.concatenate(derivative, axis=1),
+            slopes,
+            blocks,
+            cross,
+        )
 
 
 def _remaining(theta: Array, at: _Expansion) -> float:
@@ -450,12 +466,14 @@ def fit_path(
     if problem.differ:
         known = bool(np.isfinite(current.own_block).all())
         unknown = 0.5 * _log_widths(current.own_block, spread) if known else float('inf')
+    information = current.reduced()[1]
     return TrajectoryFit(
         theta,
-        current.reduced()[1],
+        information,
         -current.value - unknown,
         current.innovations,
         _remaining(theta, current),
+        damping_correction(theta, path, current.derivative, information),
         own,
         spread,
     )
