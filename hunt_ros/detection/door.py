@@ -6,10 +6,9 @@ channel has spoken up to it: that is the watermark, and only what lies at or bef
 processed. A channel that has gone silent would hold it for ever; `Door.tick`, the only way in
 which time enters, lets it go, and takes it back: until then its samples are dropped.
 
-Two rules for clocks: stamps that leap wait until the leap has lasted, and are refused where it is
-taken back (`stamps`). A channel whose stamps stay away from the detector's clock has its *offset*
-added to them; where the detector's clock was set as well, or there is none, stamps that go back on
-all channels begin a new *epoch*.
+One rule for clocks: a channel whose stamps stay away from the detector's clock has its
+*offset* added to them; where the detector's clock was set as well, or there is none, stamps
+that go back on all channels begin a new *epoch*.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hunt_ros.detection.journal import JournalEntry
-from hunt_ros.detection.stamps import BACKWARD, Channel, Marks, Stamps, Values
+from hunt_ros.detection.stamps import BACKWARD, LATE, Channel, Marks, Stamps, Values
 from hunt_ros.errors import HuntError
 from hunt_ros.samples import NANOSECONDS
 
@@ -136,13 +135,40 @@ class Door:
         channel = self.channels[name]
         if not channel.received:
             self.note('heard', channels={name: int(stamps[0])})
+        before = {silent: len(self.channels[silent].queues[0]) for silent in self.silent}
         self._finished = False
-        channel.push(stamps, numbers, self.position_ns)
+        channel.push(stamps, numbers)
         if channel.silent:
             # Of an epoch that the others do not follow into the first and the newest are kept.
-            while len(channel.runs) > 1 and len(channel.runs[-1]) > _WAITING:
+            while len(channel.queues) > 1 and len(channel.queues[-1]) > _WAITING:
                 channel.refused['clock'] += _WAITING // 2
-                channel.runs[-1].drop(1, 1 + _WAITING // 2, BACKWARD)
+                channel.queues[-1].drop(1, 1 + _WAITING // 2, BACKWARD)
+        for moved in dict.fromkeys([name, *self._rejoin()]):
+            channel = self.channels[moved]
+            begin, end = before.get(moved, 0), len(channel.queues[0])
+            if moved not in before:  # then what lies behind the position has come too late
+                position, stamps = self.position_ns, channel.queues[0].stamps
+                end = 0 if position is None else int(np.searchsorted(stamps, position, 'right'))
+            channel.drop(begin, end, LATE)
+
+    def _rejoin(self) -> list[str]:
+        """Take channels back into the present epoch whose clock had leapt; return them."""
+        back = []
+        for name, channel in self.channels.items():
+            while (stamp := channel.returned_ns()) is not None and self._is_time(stamp, channel):
+                channel.rejoin()
+                back.append(name)
+        return back
+
+    def _is_time(self, stamp_ns: int, apart: Channel) -> bool:
+        """Return True if another channel came to a stamp in the present epoch without a leap."""
+        for channel in self.channels.values():
+            queue = channel.queues[0]
+            if channel is apart or queue.run_ns is None or queue.newest_ns is None:
+                continue
+            if queue.run_ns <= stamp_ns <= queue.newest_ns:
+                return True
+        return False
 
     def tick(self, now_ns: int) -> bool:
         """Let silent channels go, take them back, follow the clocks; True: a new epoch began."""
@@ -197,7 +223,7 @@ class Door:
             if until_ns is not None:
                 after_ns, self.position_ns = self.position_ns, until_ns
                 blocks = {
-                    name: Block(*c.runs[0].take(until_ns), c.clock.shift_ns != 0)
+                    name: Block(*c.queues[0].take(until_ns), c.clock.shift_ns != 0)
                     for name, c in self.channels.items()
                 }
                 stamps = np.sort(np.concatenate([block.stamps_ns for block in blocks.values()]))
@@ -313,7 +339,7 @@ class Door:
 
     def _first_ns(self) -> int | None:
         """Oldest stamp waiting in the present epoch, ns."""
-        waiting = [channel.runs[0].stamps for channel in self.channels.values()]
+        waiting = [channel.queues[0].stamps for channel in self.channels.values()]
         return min((int(stamps[0]) for stamps in waiting if stamps.size), default=None)
 
     def _epoch_ends(self) -> bool:
@@ -334,7 +360,7 @@ class Door:
         for channel in self.channels.values():
             if channel.silent:
                 continue
-            if not channel.set_back or channel.newest_ns is None:
+            if len(channel.queues) == 1 or channel.newest_ns is None:
                 return False
             ends.append(channel.newest_ns)
         if not ends:
@@ -343,11 +369,11 @@ class Door:
 
     def _more_epochs(self) -> bool:
         """True where samples of a later epoch wait."""
-        return any(channel.set_back for channel in self.channels.values())
+        return any(len(channel.queues) > 1 for channel in self.channels.values())
 
     def _end_of_epoch_ns(self) -> int | None:
         """Newest stamp waiting in the present epoch, or the position where nothing waits."""
-        waiting = [channel.runs[0].stamps for channel in self.channels.values()]
+        waiting = [channel.queues[0].stamps for channel in self.channels.values()]
         ends = [int(stamps[-1]) for stamps in waiting if stamps.size]
         if self.position_ns is not None:
             ends.append(self.position_ns)
@@ -357,7 +383,11 @@ class Door:
         """Leave the present epoch; what still waits in it is given up."""
         silent = sorted(self.silent)
         for channel in self.channels.values():
-            channel.next_epoch()
+            if len(channel.queues) > 1:
+                channel.queues.pop(0)
+            else:
+                channel.start_again()
+            channel.silent = False
         self.position_ns = self._newest_ns = None
         self.epoch += 1
         if silent:
@@ -367,7 +397,7 @@ class Door:
         """Return the channels that are silent for longer than their timeout since now."""
         found = []
         for name, channel in self.channels.items():
-            if channel.set_back and channel.newest_ns is not None:
+            if len(channel.queues) > 1 and channel.newest_ns is not None:
                 # Its clock was set: nothing more in this epoch.
                 overdue = now_ns - channel.newest_ns > channel.timeout_ns
             else:
@@ -393,7 +423,7 @@ class Door:
             and channel.clock.fresh
             and channel.clock.believed
             and 2 * channel.clock.late_ns <= channel.timeout_ns
-            and not channel.set_back
+            and len(channel.queues) == 1
         ]
 
     def _offsets(self) -> dict[str, int]:
@@ -422,7 +452,9 @@ class Door:
         """Return all channels if one whose clock was set back agrees with the detector's."""
         for channel in self.channels.values():
             clock = channel.clock
-            if not channel.set_back or clock.offset_ns is None:
+            if len(channel.queues) == 1 or channel.returned_ns() is not None:
+                continue
+            if clock.offset_ns is None:
                 continue
             if abs(clock.offset_ns - clock.shift_ns) <= self._tolerance:
                 return self.channels

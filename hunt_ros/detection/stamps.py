@@ -7,7 +7,6 @@ are whole nanoseconds that increase, each in one block alone.
 
 from __future__ import annotations
 
-import itertools
 from collections import Counter, deque
 from typing import Any
 
@@ -21,13 +20,9 @@ REPEATED, BACKWARD, AHEAD, LATE = 1, 2, 4, 8
 #: The reasons to refuse a sample, as they are counted. 'clock': it waited when its clock was set.
 _REASONS = {REPEATED: 'repeated', BACKWARD: 'backward', AHEAD: 'ahead', LATE: 'late', 0: 'clock'}
 
-#: A stamp further ahead than this has leapt; one that goes on is off by no more.
+#: A stamp further ahead than this waits for the next one to confirm it: one bad stamp would make
+#: all that follow come too late.
 _STAMP_JUMP_NS = NANOSECONDS
-#: A leap counts once it has lasted for so long: one bad stamp would make all that follow too late.
-_LASTS_NS = NANOSECONDS
-#: A leap ahead is not taken back once the samples of the others further ahead than this are gone:
-#: they leapt as well, or they are ahead because a replay feeds a stretch of each in turn.
-_GONE_NS = 3 * NANOSECONDS
 #: The least delay is taken over this time: longer than a network holds samples back while they
 #: keep coming; in it clocks that drift by 100 ppm move by 0.2 ms.
 _WINDOW_NS = 2 * NANOSECONDS
@@ -39,26 +34,19 @@ Values = NDArray[np.float64]
 Marks = NDArray[np.uint8]
 
 
-class _Run:
-    """
-    Accepted samples of one channel: arrays that grow behind and shrink in front.
+class _Queue:
+    """Accepted samples of one channel and epoch: arrays that grow behind and shrink in front."""
 
-    Parameters
-    ----------
-    back : bool
-        It began with a leap back.
-    """
-
-    def __init__(self, back: bool = False) -> None:
-        self.back = back
+    def __init__(self) -> None:
         #: Stamps, values and marks.
         self._arrays: list[NDArray[Any]] = [
             np.empty(0, dtype) for dtype in (np.int64, np.float64, np.uint8)
         ]
         self._head = self._tail = 0
         self.newest_ns: int | None = None  # of all it was ever given
-        self.first_ns = 0  # likewise, or behind its last leap ahead
-        self.before_ns: int | None = None  # stamp before that leap
+        #: The present run without a leap: its first stamp, and the one before the leap.
+        self.run_ns: int | None = None
+        self.before_run_ns: int | None = None
 
     def __len__(self) -> int:
         return self._tail - self._head
@@ -68,36 +56,42 @@ class _Run:
         """Stamps of the waiting samples, ns, shape (n,); valid until the next call."""
         return self._arrays[0][self._head : self._tail]
 
-    @property
-    def length_ns(self) -> int:
-        """Time since `first_ns`."""
-        return 0 if self.newest_ns is None else self.newest_ns - self.first_ns
+    def leapt_beyond(self, stamp_ns: int) -> bool:
+        """Return True if the present run began with a leap over a stamp."""
+        if self.run_ns is None or self.before_run_ns is None:
+            return False
+        return self.before_run_ns < stamp_ns < self.run_ns
 
-    @property
-    def lasts(self) -> bool:
-        """True once it counts."""
-        return self.length_ns >= _LASTS_NS
-
-    def push(self, stamps_ns: Stamps, values: Values, marks: Marks) -> None:
-        """Append samples, n > 0."""
-        if self._tail + stamps_ns.size > self._arrays[0].size:
-            waiting, size = len(self), max(256, 2 * (len(self) + stamps_ns.size))
+    def _room(self, count: int) -> int:
+        """Make room for more samples; return the place of the first."""
+        if self._tail + count > self._arrays[0].size:
+            waiting, size = len(self), max(256, 2 * (len(self) + count))
             self._arrays = [
                 np.concatenate([old[self._head : self._tail], np.empty(size - waiting, old.dtype)])
                 for old in self._arrays
             ]
             self._head, self._tail = 0, waiting
-        place, self._tail = self._tail, self._tail + stamps_ns.size
-        for array, new in zip(self._arrays, (stamps_ns, values, marks), strict=True):
-            array[place : self._tail] = new
-        if self.newest_ns is None:
-            self.first_ns = int(stamps_ns[0])
-        self.newest_ns = int(stamps_ns[-1])
+        self._tail += count
+        return self._tail - count
 
-    def extend(self, later: _Run) -> None:
-        """Append a run behind a leap ahead."""
-        self.before_ns, self.first_ns = self.newest_ns, later.first_ns
-        self.push(*(array[later._head : later._tail] for array in later._arrays))
+    def push(
+        self, stamps_ns: Stamps | int, values: Values | float, marks: Marks | int = 0
+    ) -> None:
+        """Append samples, n > 0, or one, without a leap but for the first: it begins a run."""
+        stamps = np.atleast_1d(stamps_ns)
+        place, first = self._room(stamps.size), int(stamps[0])
+        for array, new in zip(self._arrays, (stamps, values, marks), strict=True):
+            array[place : self._tail] = new
+        if self.newest_ns is None or first - self.newest_ns > _STAMP_JUMP_NS:
+            self.run_ns, self.before_run_ns = first, self.newest_ns
+        self.newest_ns = int(stamps[-1])
+
+    def extend(self, later: _Queue) -> None:
+        """Append all that waits in another queue, at least one; its runs go on here."""
+        stamps, values, marks = (array[later._head : later._tail] for array in later._arrays)
+        self.push(stamps, values, marks)
+        self.newest_ns = later.newest_ns
+        self.run_ns, self.before_run_ns = later.run_ns, later.before_run_ns
 
     def take(self, until_ns: int) -> tuple[Stamps, Values, Marks, tuple[int, float] | None]:
         """Remove the samples with stamp <= until_ns, and look at the next one."""
@@ -106,6 +100,10 @@ class _Run:
         self._head = end
         following = (int(self.stamps[0]), float(self._arrays[1][end])) if len(self) else None
         return stamps, values, marks, following
+
+    def mark_first(self, mark: int) -> None:
+        """Add a mark to the sample that waits longest."""
+        self._arrays[2][self._head] |= mark
 
     def drop(self, begin: int, end: int, mark: int) -> int:
         """Remove waiting samples; their marks go to the next one, or back where there is none."""
@@ -213,17 +211,15 @@ class Channel:
     however the samples of the channels are interleaved and cut into blocks.
 
     - Not newer than the last accepted one: refused, `REPEATED` or `BACKWARD`.
-    - Further ahead than `_STAMP_JUMP_NS`, or behind by more than `CLOCK_RESET_NS`: a leap. What
-      follows it waits in a *run* of its own until it lasts. Then a leap ahead is a gap, or a clock
-      that was set; a leap back is a clock that was set back, and opens a new *epoch*, in which
-      time starts again.
-    - A leap is taken back by a stamp that goes on as if there had been none: all in between is
-      refused, `AHEAD` or `BACKWARD`.
+    - Stamps that stay behind by more than `CLOCK_RESET_NS`, in order, for that long:
+      the clock was set back. They open a new *epoch*, in which time starts again.
+    - Further ahead than `_STAMP_JUMP_NS`: held back until the next sample confirms it
+      by being newer still; refused as `AHEAD` when the next one falls back behind it.
 
     Attributes
     ----------
-    runs : list of _Run
-        Accepted samples, the present epoch of the door first, then what waits behind leaps.
+    queues : list of _Queue
+        Accepted samples, one queue an epoch, the present epoch of the door first.
     refused : Counter of str
         Samples refused so far, by reason.
     refused_since : int
@@ -231,164 +227,171 @@ class Channel:
     received, received_ns : int, int or None
         Number of samples that came, and the stamp of the last one as it came.
     silent : bool
-        It was let go and is not back: what comes is too late.
+        It was let go and is not back.
     """
 
     def __init__(self, timeout_ns: int) -> None:
         self.timeout_ns = timeout_ns
         self.clock = ChannelClock()
-        self.runs = [_Run()]
+        self.queues = [_Queue()]
         self.refused = Counter(dict.fromkeys(_REASONS.values(), 0))
         self.refused_since = 0
         self.received = 0
         self.received_ns: int | None = None
         self.silent = False
+        self._held: tuple[int, float] | None = None
+        self._behind: list[tuple[int, float]] = []
         self._mark = 0
-        self._old = 0  # so many of those that wait did so before the last call
 
     @property
     def newest_ns(self) -> int | None:
         """Newest stamp of the present epoch, also when that sample is gone, ns."""
-        return self.runs[0].newest_ns
+        return self.queues[0].newest_ns
 
-    @property
-    def set_back(self) -> bool:
-        """True where samples of the next epoch wait."""
-        return any(run.back and run.lasts for run in self.runs[1:])
-
-    @property
-    def _sequence(self) -> tuple[_Run, int | None]:
-        """The last run that counts, and the leap behind which it is."""
-        run = next((run for run in self.runs[:0:-1] if run.lasts), self.runs[0])
-        return run, run.before_ns
-
-    def push(self, stamps_ns: Stamps, values: Values, position_ns: int | None = None) -> None:
-        """
-        Judge samples in the order given; arrays of shape (n,), n > 0.
-
-        What lies behind the position, up to which all channels are given out, comes too late.
-        """
-        shift, before = self.clock.shift_ns, self._sequence
-        newest_ns = before[0].newest_ns
-        self._old = len(self.runs[0])
+    def push(self, stamps_ns: Stamps, values: Values) -> None:
+        """Judge samples in the order given; arrays of shape (n,), n > 0."""
+        shift, queue = self.clock.shift_ns, self.queues[-1]
+        newest, run = queue.newest_ns, queue.run_ns
         self.received += stamps_ns.size
         self.received_ns = int(stamps_ns[-1])
-        stamps, ends = stamps_ns + shift, [stamps_ns.size]
-        if stamps.size > 1:
-            steps = np.diff(stamps)
-            ends[:0] = (np.flatnonzero((steps <= 0) | (steps > _STAMP_JUMP_NS)) + 1).tolist()
-        for begin, end in itertools.pairwise([0, *ends]):
-            self._take(stamps[begin:end], values[begin:end], position_ns)
-        run, _ = after = self._sequence
-        if after != before:
+        if stamps_ns.size == 1:
+            self._push_one(int(stamps_ns[0]) + shift, float(values[0]))
+        else:
+            self._push_all(stamps_ns + shift, values)
+        if self.queues[-1] is not queue or self.queues[-1].run_ns != run:
             self.clock.begin_anew()
-        if run.newest_ns is not None and run.newest_ns != newest_ns:
-            self.clock.take(run.newest_ns - shift)
-        if self.silent:
-            self.drop(self._old, len(self.runs[0]), LATE)
-        elif position_ns is not None:
-            self.drop(0, int(np.searchsorted(self.runs[0].stamps, position_ns, 'right')), LATE)
+        last = self.queues[-1].newest_ns
+        if last is not None and last != newest:
+            self.clock.take(last - shift)
 
-    def _take(self, stamps_ns: Stamps, values: Values, position_ns: int | None) -> None:
-        """Take samples without a leap among them."""
-        first_ns = int(stamps_ns[0])
-        run, old = self._run_of(first_ns, position_ns), 0
-        if run.newest_ns is not None and first_ns <= run.newest_ns:
-            old = int(np.searchsorted(stamps_ns, run.newest_ns, side='right'))
-        if old:
-            repeated = int(stamps_ns[old - 1] == run.newest_ns)
-            self._refuse(REPEATED, repeated)
-            self._refuse(BACKWARD, old - repeated)
-        if old < stamps_ns.size:
-            marks = np.zeros(stamps_ns.size - old, dtype=np.uint8)
-            marks[0] = self._mark
-            run.push(stamps_ns[old:], values[old:], marks)
-            self._mark = self.refused_since = 0
-            if run.lasts and not run.back:
-                self._join()
+    def _push_all(self, stamps_ns: Stamps, values: Values) -> None:
+        steps = np.diff(stamps_ns)
+        odd = np.flatnonzero((steps <= 0) | (steps > _STAMP_JUMP_NS)) + 1
+        begin = 0
+        while begin < stamps_ns.size:
+            first, last = int(stamps_ns[begin]), self.queues[-1].newest_ns
+            end = begin + 1
+            if self._held is None and last is not None and 0 < first - last <= _STAMP_JUMP_NS:
+                self._accept(first, float(values[begin]))
+                place = int(np.searchsorted(odd, begin, side='right'))
+                end = int(odd[place]) if place < odd.size else stamps_ns.size
+                if end > begin + 1:
+                    self.queues[-1].push(stamps_ns[begin + 1 : end], values[begin + 1 : end])
+            else:
+                self._push_one(first, float(values[begin]))
+            begin = end
 
-    def _run_of(self, stamp_ns: int, position_ns: int | None) -> _Run:
-        """Return the run that a stamp belongs to; leaps that it takes back are gone then."""
-        run, present = self.runs[-1], self.runs[0]
-        if run.newest_ns is None or 0 < stamp_ns - run.newest_ns <= _STAMP_JUMP_NS:
-            return run
-        away_ns = 0
-        for place in range(len(self.runs) - 1, 0, -1):
-            away_ns += self.runs[place].length_ns
-            if _goes_on(stamp_ns, self.runs[place - 1].newest_ns, away_ns):
-                self._leave(place)
-                return self.runs[-1]
-        gone = position_ns is not None and position_ns - stamp_ns > _GONE_NS
-        if not gone and _goes_on(stamp_ns, present.before_ns, away_ns + present.length_ns):
-            self._leave(1)
-            self._mark |= AHEAD
-            begin = int(np.searchsorted(present.stamps, present.first_ns))
-            self.drop(begin, len(present), AHEAD)
-            self._old = min(self._old, begin)
-            present.newest_ns, present.before_ns = present.before_ns, None
-            return present
-        step, waits = stamp_ns - run.newest_ns, len(self.runs) > 1
-        if -CLOCK_RESET_NS <= step <= 0:
-            return run
-        if waits:
-            beyond = run.back and stamp_ns > (self.runs[-2].newest_ns or 0)
-            if step > 0 and (run.lasts or not beyond):
-                return run
-            if not run.lasts:
-                self._leave(len(self.runs) - 1)
-                return self._run_of(stamp_ns, position_ns)
-        if step < 0:
+    def _push_one(self, stamp_ns: int, value: float) -> None:
+        if self._held is not None:
+            held, self._held = self._held, None
+            if stamp_ns > held[0]:
+                self._accept(*held)
+            else:
+                self._refuse(AHEAD)
+        last = self.queues[-1].newest_ns
+        if last is not None and last - stamp_ns > CLOCK_RESET_NS:
+            self._step_back(stamp_ns, value)
+        elif last is not None and stamp_ns <= last:
+            self._drop_behind()
+            self._refuse(REPEATED if stamp_ns == last else BACKWARD)
+        elif last is not None and stamp_ns - last > _STAMP_JUMP_NS:
+            self._drop_behind()
+            self._held = (stamp_ns, value)
+        else:
+            self._accept(stamp_ns, value)
+
+    def _step_back(self, stamp_ns: int, value: float) -> None:
+        """Keep a stamp that is far behind; where such ones last, the clock was set back."""
+        if self._behind and not 0 < stamp_ns - self._behind[-1][0] <= _STAMP_JUMP_NS:
+            self._drop_behind()
+        self._behind.append((stamp_ns, value))
+        self.refused_since += 1
+        if stamp_ns - self._behind[0][0] >= CLOCK_RESET_NS:
+            behind, self._behind = self._behind, []
+            self.queues.append(_Queue())
             self._mark |= BACKWARD
-        self.runs.append(_Run(back=step < 0))
-        return self.runs[-1]
+            for one in behind:
+                self._accept(*one)
 
-    def _join(self) -> None:
-        """Go on behind the leap ahead, if there is one."""
-        if len(self.runs) > 1 and not self.runs[1].back:
-            self.runs[0].extend(self.runs.pop(1))
+    def _accept(self, stamp_ns: int, value: float) -> None:
+        self._drop_behind()
+        self.queues[-1].push(stamp_ns, value, self._mark)
+        self._mark = self.refused_since = 0
 
-    def _leave(self, place: int) -> None:
-        """Refuse the runs from a place on."""
-        for run in self.runs[place:]:
-            self._refuse(BACKWARD if run.back else AHEAD, len(run))
-        del self.runs[place:]
+    def _refuse(self, reason: int) -> None:
+        self.refused[_REASONS[reason]] += 1
+        self.refused_since += 1
+        self._mark |= reason
 
-    def _refuse(self, reason: int, count: int) -> None:
-        if count:
-            self.refused[_REASONS[reason]] += count
-            self.refused_since += count
-            self._mark |= reason
+    def _drop_behind(self) -> None:
+        """Refuse those that stayed behind: the clock was not set back."""
+        self.refused_since -= len(self._behind)  # they were counted there when they came
+        for _ in self._behind:
+            self._refuse(BACKWARD)
+        self._behind.clear()
 
-    def drop(self, begin: int, end: int, reason: int) -> None:
-        """Refuse samples begin..end of the present epoch that wait already."""
+    def drop(self, begin: int, end: int, reason: int, epoch: int = 0) -> None:
+        """Refuse samples begin..end that wait already."""
         self.refused[_REASONS[reason]] += end - begin
-        marks = self.runs[0].drop(begin, end, reason)
+        marks = self.queues[epoch].drop(begin, end, reason)
         if marks:  # nothing waits that could carry them
             self.refused_since += end - begin
             self._mark |= marks
 
-    def next_epoch(self) -> None:
-        """Go on behind the leap back, or without one with what comes."""
-        back = next((place for place, run in enumerate(self.runs) if place and run.back), None)
-        self.runs = [_Run()] if back is None else self.runs[back:]
-        self.silent = False
+    def returned_ns(self) -> int | None:
+        """
+        Stamp at which a clock that had leapt is back where it would have been; None if not.
+
+        The leap, ahead or back, must have lasted as long as the stamps say it did. A set
+        clock, or a channel that was off for a while, does not do that.
+        """
+        if len(self.queues) < 2:
+            return None
+        old, new = self.queues[:2]
+        newest = old.newest_ns
+        if not len(new) or newest is None:
+            return None
+        first = int(new.stamps[0])
+        if old.leapt_beyond(first):
+            away, since = newest - (old.run_ns or 0), first - (old.before_run_ns or 0)
+            return first if abs(away - since) <= _STAMP_JUMP_NS else None
+        place = int(np.searchsorted(new.stamps, newest, side='right'))
+        if not 0 < place < len(new):
+            return None
+        back, end = int(new.stamps[place]), int(new.stamps[place - 1])
+        away, since = end - first, back - newest
+        leapt = back - end > _STAMP_JUMP_NS
+        return back if leapt and abs(away - since) <= _STAMP_JUMP_NS else None
+
+    def rejoin(self) -> None:
+        """Go on in the present epoch after a leap, without the samples taken in it."""
+        old, new = self.queues[:2]
+        first, newest = int(new.stamps[0]), old.newest_ns
+        if old.leapt_beyond(first):
+            count = len(old) - int(np.searchsorted(old.stamps, first))
+            self.refused['ahead'] += count
+            new.mark_first(old.drop(len(old) - count, len(old), AHEAD))
+        elif newest is not None:
+            self.drop(0, int(np.searchsorted(new.stamps, newest, side='right')), BACKWARD, 1)
+        old.extend(self.queues.pop(1))
 
     def go_on_from(self, position_ns: int | None, shift_ns: int) -> None:
         """Go on after a position with stamps of another offset; drop what waits."""
-        self.refused['clock'] += sum(len(run) for run in self.runs)
-        self.runs = [_Run()]
-        self.runs[0].newest_ns = position_ns
+        self.refused['clock'] += sum(len(queue) for queue in self.queues)
+        self.refused['clock'] += len(self._behind) + (self._held is not None)
+        self.start_again()
+        self.queues[0].newest_ns = position_ns
         self.clock.shift_ns = shift_ns
 
+    def start_again(self) -> None:
+        """Forget what waits and the newest stamp: the clock starts anew."""
+        self.queues = [_Queue()]
+        self._held = None
+        self._behind.clear()
+
     def finish(self) -> None:
-        """End of the record: a leap ahead counts, one back that did not last does not."""
-        self._join()
-        if len(self.runs) > 1 and not self.runs[-1].lasts:
-            self._leave(len(self.runs) - 1)
-
-
-def _goes_on(stamp_ns: int, end_ns: int | None, away_ns: int) -> bool:
-    """Return True for a stamp that goes on from an end as if there had been no leap since."""
-    if end_ns is None or stamp_ns <= end_ns:
-        return False
-    return abs(stamp_ns - end_ns - away_ns) <= _STAMP_JUMP_NS
+        """End of the record: accept a sample still held back, refuse those still behind."""
+        if self._held is not None:
+            held, self._held = self._held, None
+            self._accept(*held)
+        self._drop_behind()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made import SECOND
@@ -24,8 +25,8 @@ def _fed(stamps: list[int], cuts: list[int]) -> Channel:
 
 def _content(channel: Channel) -> list[list[tuple[int, float, int]]]:
     found = []
-    for run in channel.runs:
-        stamps, values, marks, _ = run.take(2**62)
+    for queue in channel.queues:
+        stamps, values, marks, _ = queue.take(2**62)
         found.append(list(zip(stamps.tolist(), values.tolist(), marks.tolist(), strict=True)))
     return found
 
@@ -57,6 +58,17 @@ def test_believed_stamps_increase_and_every_sample_is_believed_or_counted(steps)
     assert sum(map(len, content)) + channel.refused.total() == len(stamps)
 
 
+@pytest.mark.parametrize(('gap_ms', 'behind_ms'), [(1050, 60), (1500, 600), (2000, 1200)])
+def test_after_a_gap_one_stamp_that_is_behind_is_refused_alone(gap_ms, behind_ms) -> None:
+    """It goes on as if there had been no gap: one stamp is no evidence of that."""
+    steps = [10] * 300 + [gap_ms] + [10] * 300
+    stamps = (20 * SECOND + np.cumsum(steps) * 1_000_000).tolist()
+    late = stamps[500] - behind_ms * 1_000_000
+    channel = _fed([*stamps[:501], late, *stamps[501:]], [])
+    assert channel.refused.total() == channel.refused['backward'] == 1
+    assert [stamp for stamp, _, _ in _content(channel)[0]] == stamps
+
+
 def test_the_next_sample_tells_what_was_refused() -> None:
     ms = SECOND // 1000
     stamps = [0, ms, ms, 2 * ms, ms, 3 * ms, 9000 * ms, 4 * ms, 5 * ms]
@@ -77,10 +89,10 @@ def test_a_short_excursion_into_the_past_is_refused_and_a_lasting_one_is_a_new_e
     lasting = [10 * SECOND + k * step for k in range(150)]
     again = [forward[-1] + k * step for k in range(1, 50)]
     one = _fed([*forward, *short, *again], [])
-    assert len(one.runs) == 1
+    assert len(one.queues) == 1
     assert one.refused['backward'] == 50
     two = _fed([*forward, *lasting], [])
-    assert [len(run) for run in two.runs] == [100, 150]
+    assert [len(queue) for queue in two.queues] == [100, 150]
 
 
 def _leap(by_s: int) -> list[int]:
@@ -94,6 +106,8 @@ def _leap(by_s: int) -> list[int]:
 @given(by_s=st.sampled_from([-3600, -5, 3, 3600]), cuts=st.lists(st.integers(0, 600), max_size=6))
 def test_a_clock_that_leaps_and_comes_back_goes_on_without_the_leap(by_s, cuts) -> None:
     channel = _fed(_leap(by_s), cuts)
+    assert channel.returned_ns() == 24 * SECOND
+    channel.rejoin()
     [content] = _content(channel)
     expected = [20 * SECOND + k * SECOND // 100 for k in (*range(200), *range(400, 600))]
     assert [stamp for stamp, _, _ in content] == expected
@@ -105,27 +119,7 @@ def test_a_clock_that_is_set_back_or_a_channel_that_was_off_has_not_leapt() -> N
     step = SECOND // 100
     forward = [20 * SECOND + k * step for k in range(200)]
     back = [5 * SECOND + k * step for k in range(400)]
-    assert [len(run) for run in _fed(forward + back, []).runs] == [200, 400]
+    assert _fed(forward + back, []).returned_ns() is None
     after_a_pause = [100 * SECOND + k * step for k in range(600)]
     back = [50 * SECOND + k * step for k in range(400)]
-    assert [len(run) for run in _fed(forward + after_a_pause + back, []).runs] == [800, 400]
-
-
-def test_a_leap_that_was_given_out_already_is_not_taken_back() -> None:
-    stamps = np.array(_leap(3600), dtype=np.int64)
-    channel = Channel(SECOND)
-    channel.push(stamps[:400], np.zeros(400))
-    position_ns = int(stamps[399])  # the others leapt as well
-    channel.runs[0].take(position_ns)
-    channel.push(stamps[400:], np.zeros(200), position_ns)
-    assert channel.set_back
-    assert [len(run) for run in channel.runs] == [0, 200]
-
-
-def test_a_leap_ahead_counts_once_it_has_lasted() -> None:
-    channel = Channel(SECOND)
-    stamps = np.array(_leap(3), dtype=np.int64)
-    channel.push(stamps[:250], np.zeros(250))  # half a second of it
-    assert channel.newest_ns == stamps[199]
-    channel.push(stamps[250:350], np.zeros(100))
-    assert channel.newest_ns == stamps[349]
+    assert _fed(forward + after_a_pause + back, []).returned_ns() is None
