@@ -42,7 +42,7 @@ GIVEN, PAPERS = 'given', 'rig of the paper'
 _KEYS = {'fold_amplitude': 'fold_amplitude_m', 'disturbance': 'disturbance_m'}
 
 #: Version of the file: another one is refused. A dataclass that moves needs a new one.
-_VERSION = 6
+_VERSION = 5
 #: What reading raises of a file that holds something else, or is spoilt.
 _SPOILT = (
     HuntError, ValueError, KeyError, TypeError, AttributeError, ImportError, EOFError,
@@ -83,6 +83,8 @@ class FitSummary:
         Of the information, scaled to unit diagonal.
     converged : bool
         Whether the fit stands at a maximum of the likelihood; elsewhere nothing is read from it.
+    v_c_bound : float
+        Cramer and Rao's bound on the deviation of v_c under the law, m/s.
     """
 
     method: str
@@ -96,6 +98,7 @@ class FitSummary:
     lack_of_fit_p: float
     condition_number: float
     converged: bool
+    v_c_bound: float = field(default=math.nan, metadata=key(''))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -48,6 +48,32 @@ def law_covariance(fit: TrajectoryFit) -> NDArray[np.float64]:
     return np.asarray(inverse_of(fit.information)[:TERMS, :TERMS], dtype=np.float64)
 
 
+def critical_speed_bound(fitted: FittedLaw) -> float:
+    """
+    Smallest deviation v_c can have under the law, m/s: by the information alone.
+
+    Parameters
+    ----------
+    fitted : FittedLaw
+        The law.
+
+    Returns
+    -------
+    float
+        NaN where the law has no critical speed.
+
+    References
+    ----------
+    Cramer, H. (1946), Mathematical Methods of Statistics, Sect. 32.3.
+    """
+    u_c = fitted.law.critical_speed
+    if u_c is None or not np.isfinite(fitted.fit.information).all():
+        return math.nan
+    u = float(fitted.law.detuning(u_c))
+    way = fitted.law.scales.speed / fitted.law.linear_slope(u) * fitted.law.linear_terms(u)
+    return math.sqrt(max(float(way @ law_covariance(fitted.fit) @ way), 0.0))
+
+
 def _degrees(fit: TrajectoryFit) -> float:
     """Degrees of freedom of the variances of a law: draws of it are Student's."""
     if not np.isfinite(fit.information).all():

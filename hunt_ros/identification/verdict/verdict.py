@@ -34,6 +34,7 @@ from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import (
     ENOUGH_DRAWS,
     EXISTS,
+    critical_speed_bound,
     draw_laws,
     law_covariance,
 )
@@ -533,6 +534,7 @@ def _summary(evidence: Evidence, misfit: LackOfFit, lacks: Sequence[str]) -> Fit
         lack_of_fit_p=misfit.p,
         converged=best.fit.converged,
         condition_number=best.fit.condition_number,
+        v_c_bound=critical_speed_bound(best),
     )
 
 
