@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations_with_replacement
 from typing import Any, Literal
 
 import numpy as np
@@ -149,11 +150,12 @@ class Posterior:
     def correlations(self) -> Array:
         """Rank correlations of `QUANTITIES`, shape (8, 8); NaN for what too few draws have."""
         known = np.isfinite(self.table)
-        often = np.flatnonzero(known.sum(axis=0) >= max(0.5 * len(known), 10))
         matrix = np.full((len(QUANTITIES), len(QUANTITIES)), np.nan)
-        rows = self.table[known[:, often].all(axis=1)][:, often]
-        if often.size:
-            matrix[np.ix_(often, often)] = rank_correlations(rows)
+        for i, j in combinations_with_replacement(range(len(QUANTITIES)), 2):
+            both = known[:, i] & known[:, j]
+            if both.sum() >= max(0.5 * len(both), 10):
+                pair = rank_correlations(self.table[both][:, [i, j]])
+                matrix[i, j] = matrix[j, i] = pair[0, 1]
         return matrix
 
     def branches(self, speeds: ArrayLike) -> dict[BranchName, list[Uncertain | None]]:
