@@ -47,7 +47,7 @@ from hunt_ros.identification.record.screening import (
     repeated,
 )
 from hunt_ros.identification.record.segments import Run
-from hunt_ros.identification.record.segments import runs as segments
+from hunt_ros.identification.record.segments import runs as spans
 from hunt_ros.identification.record.turning import lines_above
 from hunt_ros.identification.result import Identification
 from hunt_ros.identification.settings import IdentificationSettings
@@ -109,6 +109,7 @@ def identify(
             # The line of the roller tells its diameter, and that the line's angle.
             settings = replace(settings, roller_diameter_m=rolled)
             recordings = [one.with_settings(roller_diameter_m=rolled) for one in recordings]
+            _read(recordings, mapped)
             frequency, bare, forced, said = _hunting_frequency(recordings, settings, mapped)
             warnings.append(f'no roller angle: a roller of {rolled:.3g} m by its line')
         warnings += said
@@ -184,9 +185,7 @@ def _usable(
                 f'ignore: recording {number} of {count} has no interval to leave out'
             )
     given = [Recording(source, k, settings) for k, source in enumerate(sources, start=1)]
-    digests = mapped(attrgetter('digest'), given)
-    for one, digest in zip(given, collected(digests, count, tell), strict=True):
-        one.digest = digest
+    _read(given, mapped, tell)
     left_out = zip(settings.ignore, *(one.digest.ignored for one in given), strict=True)
     warnings += [
         f'ignore: no sample is between {low:g} and {high:g} s'
@@ -204,6 +203,13 @@ def _usable(
         raise IdentificationError(f'none of {len(recordings)} records can be used{reason}')
     warnings += doubts([stretch for _, _, stretch in _places(recordings)], settings)
     return recordings
+
+
+def _read(recordings: Sequence[Recording], mapped: Mapper, tell: Tell | None = None) -> None:
+    """Have recordings read where the work is done."""
+    digests = collected(mapped(attrgetter('digest'), recordings), len(recordings), tell)
+    for one, digest in zip(recordings, digests, strict=True):
+        one.digest = digest
 
 
 def _distinct(given: Sequence[Recording], warnings: list[str]) -> list[Recording]:
@@ -256,9 +262,10 @@ def _hunting_frequency(
     recordings: Sequence[Recording], settings: IdentificationSettings, mapped: Mapper
 ) -> tuple[float, bool, list[ForcedLine], list[str]]:
     """
-    Return frequency of the hunting, Hz; whether an angle nobody gave is left out; lines.
+    Look for the hunting and for lines that are none.
 
-    The last is what is to be said of them.
+    Returns its frequency, Hz; whether an angle that nobody gave is left out; the lines; and what
+    is to be said of them.
     """
     said: list[str] = []
     places = _places(recordings)
@@ -361,10 +368,10 @@ def _path(
     sizes = [run.envelope.time.size for run in runs]
     names = list(dict.fromkeys(run.envelope.source for run in runs))
     recording = np.repeat([names.index(run.envelope.source) for run in runs], sizes)
-    hold_std = settings.speed_resolution_mps / math.sqrt(12.0) if len(runs) == 1 else 0.0
-    if hold_std:
-        recording = _holds(runs[0])
-        hold_std *= bool(recording.any())
+    hold_std = 0.0
+    if settings.speed_resolution_mps and len(names) == 1:
+        recording = _holds(speed)
+        hold_std = settings.speed_resolution_mps / math.sqrt(12.0) if recording.any() else 0.0
     # A kick begins a new segment, as a gap does.
     joined = np.concatenate([np.where(run.kicked, np.nan, run.corrected.phasor) for run in runs])
     scales = GrowthScales(
@@ -390,11 +397,10 @@ def _path(
     return path, scales
 
 
-def _holds(run: Run) -> NDArray[np.int64]:
-    """Number holds, where the speed of a run stays the same, and what is between, shape (n,)."""
-    held = segments(np.diff(run.envelope.speed) == 0.0)
-    changes = [at for ends in held if ends[1] - ends[0] >= _HELD for at in ends]
-    return np.searchsorted(changes, np.arange(run.envelope.time.size), side='right')
+def _holds(speed: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Number the holds, where a speed stays the same, and what is between, shape (n,)."""
+    held = [span for span in spans(np.diff(speed) == 0.0) if span[1] - span[0] >= _HELD]
+    return np.searchsorted(np.ravel(held), np.arange(speed.size), side='right')
 
 
 def _line(envelope: Envelope) -> NDArray[np.float64]:

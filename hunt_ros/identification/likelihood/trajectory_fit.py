@@ -3,9 +3,9 @@ The fit: maximum likelihood of the measured paths, by Fisher scoring.
 
 With negligible process noise it is the trajectory fit by nonlinear least squares. Recordings of
 one rig differ: each has a gain, a scale of the speed, a critical speed, forcing and noise of its
-own, whose spread is learnt from them (`learnt`). So do holds where the speed is read in coarse
-steps. What is kept of them beside their values is the
-information that they leave on the law.
+own, whose spread is learnt from them (`learnt`). Holds at a coarse speed differ as well, by no
+more than its step. What is kept of them beside their values is the information that they leave on
+the law.
 """
 
 from __future__ import annotations
