@@ -157,9 +157,10 @@ class Estimator:
             contrary = self._speed_check.update(rows_ns, slow['roller'][count:], rows['speed'])
             rows['speed_wrong'][contrary] |= np.uint32(health.CONTRADICTED)
         own = np.flatnonzero(sensor == self._motion.index(next(iter(self._opinions))))
-        quiet = np.ones(own.size, dtype=np.bool_)
-        samples = [stamp[own], value[own], speed[own], slow['roller'][:count][own], quiet]
-        motion = np.rec.fromarrays(samples, dtype=MOTION_DTYPE)
+        motion = np.empty(own.size, dtype=MOTION_DTYPE)
+        motion['stamps_ns'], motion['values'] = stamp[own], value[own]
+        motion['speed'], motion['roller_angle'] = speed[own], slow['roller'][:count][own]
+        motion['quiet'] = True
         turning, changed = self._turning.update(rows_ns, slow['angle'][count:])
         self._agreement.update(rows, track, turning, changed)
         if self.config.measures('lateral'):

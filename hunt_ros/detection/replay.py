@@ -21,7 +21,7 @@ _ABOUT_SAMPLES = ('start', 'heard', 'late_from', 'late_to')
 #: A longer step of a channel is a clock that was set, and no silence.
 _LEAP_NS = 600 * NANOSECONDS
 #: Time that is fed at once: one channel waits for the others no longer than this.
-_STRETCH_NS = 2 * NANOSECONDS
+_STRETCH_NS = 10 * NANOSECONDS
 
 
 def watch(

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.detection import doubts, health
 from hunt_ros.detection.configuration import DetectorConfig, with_frequencies
-from hunt_ros.detection.output import blank_rows
+from hunt_ros.detection.output import blank_rows, joined_rows
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.detection.words.reasons import reason_counts
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
@@ -181,7 +181,7 @@ class Clearances:
 
     def update(self, rows: NDArray[np.void]) -> None:
         """Take rows of ESTIMATE_DTYPE, in order."""
-        rows = np.concatenate([self._open, rows])
+        rows = joined_rows([self._open, rows])
         seconds = rows['stamp_ns'] // NANOSECONDS
         *over, self._open = np.split(rows, np.flatnonzero(np.diff(seconds)) + 1)
         for part in over:

@@ -234,14 +234,15 @@ def _two_frequencies(row: np.void, basis: Basis) -> str:
 
 def reason_counts(rows: NDArray[np.void]) -> Counter[str]:
     """Count the rows (ESTIMATE_DTYPE) that each reason made WARN or worse, without numbers."""
-    found = {words: (rows['state'] == state) for state, words in _HUNTING.items()} | {
-        words: (rows['limits'] & np.uint32(bit)) != 0 for bit, words in _LIMIT_BITS
-    }
-    found |= {words: (rows['doubts'] & np.uint32(bit)) != 0 for bit, words, _ in _DOUBTS}
-    for name in CHANNELS:
-        for bit, words in health.WORDS.items():
-            found[f'{name}: {words}'] = (rows[f'{name}_wrong'] & np.uint32(bit)) != 0
-    return +Counter({words: int(np.count_nonzero(which)) for words, which in found.items()})
+    found: Counter[str] = Counter()
+    for state, words in _HUNTING.items():
+        found[words] = int(np.count_nonzero(rows['state'] == state))
+    for column, source, table in _BIT_COLUMNS:
+        there = int(np.bitwise_or.reduce(rows[column]))  # most bits are in no row
+        for bit, words in table:
+            if there & bit:
+                found[source + words] = int(np.count_nonzero(rows[column] & np.uint32(bit)))
+    return +found
 
 
 #: What each doubt is called, and what gives its numbers; in the order in which they are told.
@@ -265,6 +266,12 @@ _DOUBTS: tuple[tuple[int, str, Callable[[np.void, Basis], str] | None], ...] = (
     (doubts.DECAYING, 'hunting is dying out', None),
     (doubts.HYSTERESIS, 'hysteresis region: a disturbance can start hunting', region_cause),
     (doubts.UNSTABLE, 'above the linear critical speed', region_cause),
+)
+#: Columns of bits, from where each tells, and what each bit is called.
+_BIT_COLUMNS = (
+    ('limits', '', tuple(_LIMIT_BITS)),
+    ('doubts', '', tuple((bit, words) for bit, words, _ in _DOUBTS)),
+    *((f'{name}_wrong', f'{name}: ', tuple(health.WORDS.items())) for name in CHANNELS),
 )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.detection import doubts, health
 from hunt_ros.detection.decision.limits import LIMITS, limit_cause
-from hunt_ros.detection.output import Event, blank_rows, numbers_behind
+from hunt_ros.detection.output import Event, blank_rows, joined_rows, numbers_behind
 from hunt_ros.detection.regions import Level, Region, State
 from hunt_ros.detection.slow import CONTRADICTED_S, TOLERANCE_MPS
 from hunt_ros.detection.words.reasons import (
@@ -80,7 +80,7 @@ class Transitions:
         rows : ndarray of ESTIMATE_DTYPE, shape (m,)
             With level, region and state filled in; m > 0.
         """
-        rows = np.concatenate([self._before, rows])
+        rows = joined_rows([self._before, rows])
         self._before = rows[-1:].copy()
         # Motion outside the range is looked at in every row: it may have grown.
         changed = (rows['doubts'][1:] & np.uint32(doubts.OUTSIDE)) != 0
