@@ -176,9 +176,10 @@ def _write_parquet(path: Path, stamps: NDArray[np.int64], columns: Mapping[str, 
 
 
 def _write_numpy(path: Path, stamps: NDArray[np.int64], columns: Mapping[str, Column]) -> None:
+    arrays = {_STAMPS: stamps} | {n: column.filled(np.nan) for n, column in columns.items()}
     # Not np.savez: its own arguments are names that a column may have.
     with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED) as archive:
-        for name, array in ((_STAMPS, stamps), *((n, c.filled()) for n, c in columns.items())):
+        for name, array in arrays.items():
             with archive.open(f'{name}.npy', 'w', force_zip64=True) as file:
                 np.lib.format.write_array(file, array, allow_pickle=False)
 
