@@ -131,7 +131,7 @@ class _Walk:
 
     def run(self) -> Layout:
         """Find every record; behind damage, go on at the next chunk that the summary names."""
-        chunks = _named_chunks(self.view)
+        chunks = self._told_by_summary()
         position, end = len(rec.MAGIC), len(self.view)
         while position < end and not self.layout.ended:
             following = bisect_right(chunks, position)
@@ -158,6 +158,17 @@ class _Walk:
             self._distrust()
         self._settle()
         return self.layout
+
+    def _told_by_summary(self) -> list[int]:
+        """Take the topics of a sound summary, and return where it says that chunks are."""
+        # Many writers describe a topic in its first chunk alone, which may be damaged.
+        found = []
+        with suppress(ValueError):
+            for opcode, payload in rec.summary_records(self.view):
+                if opcode == Opcode.CHUNK_INDEX:
+                    found.append(rec.unpack(peer.ChunkIndex, payload).chunk_start_offset)
+                self.layout.describe(opcode, payload)
+        return sorted(found)
 
     def _distrust(self) -> None:
         if self.layout.chunks:
@@ -271,14 +282,3 @@ def claimed_counts(data: memoryview) -> dict[int, int] | None:
             counts = rec.unpack(peer.Statistics, payload).channel_message_counts
             return {key: count for key, count in counts.items() if count}
     return None
-
-
-def _named_chunks(view: memoryview) -> list[int]:
-    """Return where chunks are by the summary, if there is a sound one."""
-    with suppress(ValueError):
-        return sorted(
-            rec.unpack(peer.ChunkIndex, payload).chunk_start_offset
-            for opcode, payload in rec.summary_records(view)
-            if opcode == Opcode.CHUNK_INDEX
-        )
-    return []
