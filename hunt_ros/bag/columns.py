@@ -29,6 +29,8 @@ Stamps = Literal['header', 'log']
 
 #: How much later than it was stamped a message may be recorded, ns.
 _LATE_NS = 3600 * NANOSECONDS
+#: No recording lasts longer, s: 30 days.
+LONGEST_S = 30 * 86_400.0
 #: Spacing of the samples that stand for a constant channel, ns.
 CONSTANT_STEP_NS = NANOSECONDS // 100
 #: Messages that room is made for at first, and at most before they are seen.
@@ -292,7 +294,19 @@ def _check_span(bag: Bag, columns: Mapping[str, Series]) -> None:
 
 
 def with_constants(record: Record, sources: Mapping[str, ChannelSource]) -> Record:
-    """Return a record with its constant channels, at 100 Hz over the time of the others."""
+    """
+    Return a record with its constant channels, at 100 Hz over the time of the others.
+
+    Raises
+    ------
+    BagError
+        If it lasts longer than any recording.
+    """
+    if record.duration_s > LONGEST_S:
+        raise BagError(
+            f'{record.source}: its stamps are {record.duration_s / 86_400.0:.4g} days apart: its'
+            ' clock was not set, or the unit of its times is another one'
+        )
     constants = {
         name: source.constant for name, source in sources.items() if source.constant is not None
     }
