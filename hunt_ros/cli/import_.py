@@ -58,11 +58,14 @@ def run(arguments: argparse.Namespace) -> int:
         'duration_s': record.duration_s,
         'channels': channels,
         'units_assumed': assumed,
+        'left_out': record.notes.get('left_out', ''),
     }
     parts = ', '.join(f'{name} {len(series)}' for name, series in record.items())
     said = f'{path}: {record.duration_s:.1f} s, samples: {parts}'
     if assumed:
         said += f'; the file tells no unit, assumed: {assumed}'
+    if written['left_out']:
+        said += f'; left out: {written["left_out"]}'
     tell(arguments.json, lambda: written, lambda: said)
     return 0
 

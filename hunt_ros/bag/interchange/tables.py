@@ -30,12 +30,15 @@ class Table(dict[str, Any]):
         Of the columns whose unit the file tells.
     stamps_ns : dict of str to ndarray of int64
         Of the columns that have times of their own (a waveform).
+    left_out : str
+        What of the file was not taken; '' where all was.
     """
 
     def __init__(self, content: Mapping[str, Any] | None = None) -> None:
         super().__init__(content or {})
         self.units: dict[str, str] = {}
         self.stamps_ns: dict[str, NDArray[np.int64]] = {}
+        self.left_out = ''
 
 
 _STEP = re.compile(r'\.?([^.\[\]]+)|\[([^\[\]]*)\]')
@@ -119,6 +122,8 @@ def select(table: Mapping[str, Any], source: str) -> list[NDArray[Any]]:
 
 
 def _series(value: Any, source: str) -> NDArray[Any]:
+    if isinstance(value, BagError):  # a column of words, which matters to who asks for it
+        raise value
     if isinstance(value, Mapping):
         raise BagError(f'{source} is a structure, expected one of {_shown(value)}')
     if _is_list(value):
@@ -184,7 +189,11 @@ def _shown(table: Any) -> str:
 
 def _read_csv(path: Path) -> Table:
     """Read the columns of a text file by their names, or as c0, c1 ..."""
-    lines = _decoded(path.read_bytes()).splitlines()
+    text = _decoded(path.read_bytes()).rstrip('\0')  # where the power failed
+    lines = text.splitlines()
+    # Digits of a last line that does not end may be missing.
+    cut = len(lines) if text and text[-1] not in '\r\n' else 0
+    lines = lines[: cut - 1] if cut else lines
     told = [i for i, line in enumerate(lines[:_LOOKED_AT]) if line.strip() and line[0] not in '#%']
     if not told:
         raise BagError('has no lines of numbers')
@@ -195,7 +204,10 @@ def _read_csv(path: Path) -> Table:
     first = next(i for i in told if widths[i] == usual)
     cells = _cells(lines[first], delimiter)
     names, units = [f'c{number}' for number in range(len(cells))], [''] * len(cells)
-    if not all(_is_number(cell) for cell in cells):
+    above = _cells(lines[first - 1].lstrip('#% '), delimiter) if first else []
+    if all(map(_is_number, cells)) and len(above) == usual and not any(map(_is_number, above)):
+        first, cells = first - 1, above  # numpy writes the names as a comment
+    if not all(map(_is_number, cells)):
         pairs = [_name_and_unit(cell.strip()) for cell in cells]
         names, units = [name for name, _ in pairs], [unit for _, unit in pairs]
         for name in names:
@@ -209,6 +221,7 @@ def _read_csv(path: Path) -> Table:
             first += 1
     table = Table(_columns(lines, first, delimiter, names))
     table.units = {name: unit for name, unit in zip(names, units, strict=False) if unit}
+    table.left_out = f'line {cut}, which does not end' if cut else ''
     return table
 
 
@@ -250,34 +263,36 @@ def _columns(
     lines: list[str], first: int, delimiter: str | None, names: list[str]
 ) -> dict[str, Any]:
     """Read the numbers: all at once, or cell by cell where they are not all such."""
-    rows = lines[first:]
-    if not any(row.strip() for row in rows):
+    places = [i for i in range(first, len(lines)) if lines[i].strip() and lines[i][0] not in '#%']
+    if not places:
         raise BagError('has no numbers under its names')
+    rows = [lines[i] for i in places]
+    if delimiter != ',':  # a decimal comma is one where it cannot separate
+        rows = [row.replace(',', '.') for row in rows]
     # Whole nanoseconds since 1970 do not fit into a float64.
     head = zip(names, _cells(rows[0], delimiter), strict=False)
     whole = [name.endswith('_ns') and cell.strip().isdigit() for name, cell in head]
     kind = np.dtype([(str(i), 'i8' if one else 'f8') for i, one in enumerate(whole)])
-    with suppress(ValueError):  # an empty cell, a decimal comma, or a fault: it is said where
+    with suppress(ValueError):  # an empty cell, or a fault: it is said where
         table = np.loadtxt(rows, kind, delimiter=delimiter, ndmin=1, comments=('#', '%'))
         return dict(zip(names, (table[number] for number in kind.names or ()), strict=True))
     columns: list[list[str]] = [[] for _ in names]
-    places: list[int] = []
-    for number, row in enumerate(rows, first + 1):
-        if not row.strip() or row[0] in '#%':
-            continue
+    for place, row in zip(places, rows, strict=True):
         cells = _cells(row, delimiter)
         if len(cells) != len(names):
-            raise BagError(f'line {number} has {len(cells)} cells, expected {len(names)}')
+            raise BagError(f'line {place + 1} has {len(cells)} cells, expected {len(names)}')
         for column, cell in zip(columns, cells, strict=True):
-            # A decimal comma is one where it cannot separate.
-            column.append(cell.strip() if delimiter == ',' else cell.strip().replace(',', '.'))
-        places.append(number)
+            column.append(cell.strip())
     parts = zip(names, columns, whole, strict=True)
     return {name: _column(column, one, places) for name, column, one in parts}
 
 
 def _column(cells: list[str], whole: bool, places: list[int]) -> Any:
-    """Return numbers, masked where a cell is empty, or times, where all cells are such."""
+    """
+    Return numbers, masked where a cell is empty, or times, where all cells are such.
+
+    Of a column with anything else in it, its error: nobody may want that column.
+    """
     if cells and ':' in cells[0]:
         with suppress(ValueError):
             return np.array([_date(cell) for cell in cells])
@@ -285,8 +300,8 @@ def _column(cells: list[str], whole: bool, places: list[int]) -> Any:
     for row, cell in enumerate(cells):
         try:
             values[row] = int(cell or 0) if whole else float(cell or 0)
-        except (ValueError, OverflowError) as error:
-            raise BagError(f'line {places[row]}: {cell[:40]!r} is not a number') from error
+        except (ValueError, OverflowError):
+            return BagError(f'line {places[row] + 1}: {cell[:40]!r} is not a number')
     return np.ma.MaskedArray(values, [not cell for cell in cells])
 
 

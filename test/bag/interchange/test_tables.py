@@ -14,6 +14,7 @@ from hunt_ros.bag import read_record, write_record
 from hunt_ros.bag.interchange.exporters import aligned, export_file
 from hunt_ros.bag.interchange.importers import load_record
 from hunt_ros.bag.interchange.tables import load_table, select
+from hunt_ros.cli.main import main
 from hunt_ros.errors import BagError
 from hunt_ros.samples import Record, Series
 
@@ -89,6 +90,35 @@ def test_csv_in_the_forms_loggers_write(tmp_path: Path, text: str) -> None:
     record = load_record(tmp_path / 'a.csv', ['lateral=y*0.001'])
     np.testing.assert_allclose(record['lateral'].values, [0.001, 0.002, 0.003], rtol=1e-15)
     np.testing.assert_array_equal(np.diff(record['lateral'].stamps_ns), [5 * 10**8] * 2)
+
+
+@pytest.mark.parametrize('end', ['2,2.', '2,2.5e-0', '2', '2,2.5\0\0\0'])
+def test_a_last_line_that_was_cut_is_left_out_and_told(tmp_path: Path, capsys, end: str) -> None:
+    (tmp_path / 'a.csv').write_text(f't,lateral\n0,0.01\n1,0.02\n{end}')
+    assert main(['import', str(tmp_path / 'a.csv'), str(tmp_path / 'out')]) == 0
+    assert 'left out: line 4, which does not end' in capsys.readouterr().out
+    assert read_record(tmp_path / 'out')['lateral'].values.tolist() == [0.01, 0.02]
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        't,lateral\n\n0,0.01\n\n1,0.02\n',
+        '# rig 1\n# t,lateral\n0,0.01\n1,0.02\n',  # numpy.savetxt
+        't,lateral,remark,ok\n0,0.01,start,TRUE\n1,0.02,,FALSE\n',
+    ],
+)
+def test_what_stands_beside_the_numbers_is_passed_over(tmp_path: Path, text: str) -> None:
+    (tmp_path / 'a.csv').write_text(text)
+    assert load_record(tmp_path / 'a.csv')['lateral'].values.tolist() == [0.01, 0.02]
+
+
+def test_times_that_are_none_are_refused(tmp_path: Path) -> None:
+    microseconds, too_late = np.arange(300) * 10_000, np.arange(300) * 10**16
+    for times in (microseconds, too_late.astype('datetime64[us]')):
+        np.savez(tmp_path / 'a.npz', lateral=np.zeros(300), t=times)
+        with pytest.raises(BagError, match=r'days apart|reaches beyond'):
+            load_record(tmp_path / 'a.npz', ['speed=5'], time='t')
 
 
 def test_csv_without_names_counts_its_columns(tmp_path: Path) -> None:
