@@ -19,12 +19,15 @@ from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 _CONTRARY, _PART, _CLEAR, _AGREE_S = 3.0, 0.5, 100.0, 0.5
 #: A motion within this part of the frequency of a line is not told from it while the speed
 #: changes: that is what a filter of two periods resolves. A line that passes the hunting frequency
-#: resonates, and what the filter has not given to the line it gives to the hunting.
-_NEAR = 0.1
+#: resonates, and what the filter has not given to the line it gives to the hunting. At one speed
+#: it is told where the line has less than this part of its amplitude: before that the filter may
+#: have shared out one motion, or taken it for two that cancel.
+_NEAR, _SHARED = 0.1, 0.25
 #: The speed changes where it is off by this part from what it was over the memory of the slowest
 #: line (the least bandwidth in `tracker.tuning`), s at `REFERENCE_HZ`.
 _CHANGED, _MEMORY_S = 0.02, 20.0
-#: The turning of the roller is averaged over this time, s: an encoder counts whole steps.
+#: The turning of the roller is averaged over this time, s: an encoder counts whole steps. What
+#: the mean of the mean lags behind is added, so that none lags behind a steady change.
 _TURNING_S = 1.0
 
 
@@ -40,7 +43,7 @@ class Turning:
 
     def __init__(self, config: DetectorConfig) -> None:
         self._memory_s = _MEMORY_S * REFERENCE_HZ / config.hunting_frequency_hz
-        self._memory = np.full(3, math.nan)
+        self._memory = np.full(4, math.nan)
         self._last_ns = 0
 
     def update(
@@ -69,7 +72,7 @@ class Turning:
 def _count_turns(
     seconds: R1, angle: R1, memory_s: float, memory: F1, turning: F1, changed: B1
 ) -> None:
-    """Run `Turning.update`; memory = [last angle, mean, mean over the memory]."""
+    """Run `Turning.update`; memory = [last angle, mean, mean over the memory, mean of means]."""
     for i in range(angle.size):
         last, mean = memory[0], memory[1]
         memory[0] = angle[i]
@@ -78,13 +81,15 @@ def _count_turns(
             continue
         turns = abs(angle[i] - last) / (2.0 * math.pi * seconds[i])
         if math.isnan(mean):
-            mean = turns
-        mean += min(seconds[i] / _TURNING_S, 1.0) * (turns - mean)
+            mean = memory[3] = turns
+        part = min(seconds[i] / _TURNING_S, 1.0)
+        mean += part * (turns - mean)
+        memory[3] += part * (mean - memory[3])
         if math.isnan(memory[2]):
             memory[2] = mean
         memory[2] += min(seconds[i] / memory_s, 1.0) * (mean - memory[2])
         memory[1] = mean
-        turning[i] = mean
+        turning[i] = max(2.0 * mean - memory[3], 0.0)
         changed[i] = abs(mean - memory[2]) > _CHANGED * memory[2]
 
 
@@ -136,9 +141,9 @@ class Agreement:
                 contrary[k] |= self._lasted > self._hold
         rows['judged'][lost], rows['judged_std'][lost] = by_yaw(track[lost])
         rows['doubts'][contrary] |= np.uint32(doubts.CONTRARY)
-        line = changed & self._on_line(track, turning)
-        rows['judged'][line] = math.nan
-        rows['doubts'][line] |= np.uint32(doubts.ON_LINE)
+        near, shared = self._on_line(track, turning)
+        rows['judged'][changed & near] = math.nan
+        rows['doubts'][(changed & near) | shared] |= np.uint32(doubts.ON_LINE)
 
     def _seen(self, track: NDArray[np.void]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return in which rows lateral misses a motion that yaw shows, and where it has it."""
@@ -151,11 +156,18 @@ class Agreement:
         shown = np.where(np.isnan(told), a > _CONTRARY * s, a > _PART * told)
         return measured & (smaller | hidden), ~measured | shown
 
-    def _on_line(self, track: NDArray[np.void], turning: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return the rows in which the motion is at the frequency of a line."""
+    def _on_line(
+        self, track: NDArray[np.void], turning: NDArray[np.float64]
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return in which rows the motion is at the frequency of a line, and shared with it."""
         away = np.abs(track['frequency_hz'] - np.multiply.outer(self._orders, turning))
-        on_line: NDArray[np.bool_] = (away < _NEAR * track['frequency_hz']).any(axis=0)
-        return on_line
+        near = away < _NEAR * track['frequency_hz']
+        shared = np.zeros(track.size, dtype=np.bool_)
+        for name in ('lateral', 'yaw'):
+            least = _SHARED * track[f'{name}_amplitude']
+            for line, which in zip(near, ('roughness', 'roughness_second'), strict=False):
+                shared |= line & (track[f'{name}_{which}'] > least)
+        return near.any(axis=0), shared
 
 
 def by_yaw(track: NDArray[np.void]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

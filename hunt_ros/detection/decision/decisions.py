@@ -161,6 +161,8 @@ def decide(
             # A form may be wrong about the speed, and a floor be learnt on hunting: as large as a
             # limit cycle, what does not fall is well neither as quiet nor as disturbed.
             undecided |= not m['ratios']['fall'] > likelihood.SOME * rules.evidence
+        if known and not undecided:
+            out['doubts'] &= ~doubts.ON_LINE
         _doubt(rules, m, known, disagree[k], other, undecided, out)
         period_rows = 1.0 / (rules.period_s * rules.nominal_hz)
         over = limits.watch(rules.limits, period_rows, m, trusted[k], out) & limits.ALARMS
@@ -198,7 +200,9 @@ def _learn(
         likelihood.interrupt(m['ratios'])
     else:
         drift = growth_at(form, v, a) if predictable else math.nan
-        likelihood.watch(rules, m['ratios'], a, math.hypot(s, 0.5 * out['step']), drift)
+        line = (out['doubts'] & doubts.ON_LINE) != 0
+        spread = math.hypot(s, 0.5 * out['step'])
+        likelihood.watch(rules, m['ratios'], a, spread, drift, line)
         noise_floor.observe(rules, m['floor'], a)
         if idle:
             # By the form, what grows from here is hunting that begins.

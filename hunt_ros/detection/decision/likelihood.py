@@ -260,7 +260,7 @@ def _independent(memory: Any, j: int) -> float:
 
 
 @compiled_part
-def watch(rules: Rules, memory: Any, a: float, s: float, drift: float) -> None:
+def watch(rules: Rules, memory: Any, a: float, s: float, drift: float, line: bool) -> None:
     """
     Take in a row.
 
@@ -272,6 +272,8 @@ def watch(rules: Rules, memory: Any, a: float, s: float, drift: float) -> None:
         Amplitude and its standard deviation, m.
     drift : float
         Growth rate of the normal form at this speed and amplitude, 1/s; NaN: not known.
+    line : bool
+        It may be the motion of a line: that it holds is no evidence.
     """
     memory['rows'] += 1
     if memory['rows'] < rules.step:
@@ -299,7 +301,8 @@ def watch(rules: Rules, memory: Any, a: float, s: float, drift: float) -> None:
                 part = HORIZONS[j] / HORIZONS[i]
                 memory['noise'][j] = max(memory['noise'][j], part * memory['noise'][i])
                 memory['moved'][j] = max(memory['moved'][j], part * memory['moved'][i])
-    count = excess(rules, memory) >= SOME * rules.evidence and not jumps  # that does not hold
+    count = excess(rules, memory) >= SOME * rules.evidence and not line
+    count &= not jumps  # that does not hold
     if jumps and memory['a'][0] > memory['a'][HORIZONS[0]]:
         memory['falls'][:] = 0.0  # nor does it fall on as it did before
     for j in range(_TELLING):
