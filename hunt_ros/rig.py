@@ -93,12 +93,15 @@ class Rig(Settings):
     )
     lateral_range_m: float = setting(
         0.0,
-        'lateral readings of this size and more are saturated (0: no limit)',
+        'lateral readings of this size, less a thousandth, and more are saturated (0: no limit)',
         unit='m',
         low=0.0,
     )
     yaw_range_rad: float = setting(
-        0.0, 'yaw readings of this size and more are saturated (0: no limit)', unit='rad', low=0.0
+        0.0,
+        'yaw readings of this size, less a thousandth, and more are saturated (0: no limit)',
+        unit='rad',
+        low=0.0,
     )
     lateral_resolution_m: float = _known(
         'smallest step of the lateral reading (0: not known)', 'm'

@@ -23,6 +23,8 @@ _LENGTHS = {'m': 1.0, 'mm': 1e-3, 'um': 1e-6}
 ANGLES = {'rad': 1.0, 'mrad': 1e-3, 'deg': math.pi / 180.0}
 STANDARD_GRAVITY = 9.80665  # m/s^2
 _ACCELERATIONS = {'mps2': 1.0, 'g': STANDARD_GRAVITY, 'mg': 1e-3 * STANDARD_GRAVITY}
+#: Readings within this share of the end of a range are at it: converters end a step before.
+_AT_END = 1e-3
 
 
 @dataclass(frozen=True)
@@ -74,11 +76,6 @@ class MotionSensor:
         return complex(eigenvalue**self.derivative)
 
     @property
-    def range_setting(self) -> str:
-        """Setting of the detector that says which readings are saturated, where there is one."""
-        return f'{self.name}_range_{next(iter(self.units))}'
-
-    @property
     def column(self) -> str:
         """Its name with its unit, as the columns of files have it: `lateral_m`."""
         return f'{self.name}_{next(iter(self.units))}'
@@ -122,6 +119,23 @@ SENSORS: tuple[MotionSensor, ...] = (
 def sensors_of(coordinate: str) -> tuple[str, ...]:
     """Return the names of the sensors that measure a coordinate."""
     return tuple(sensor.name for sensor in SENSORS if sensor.coordinate == coordinate)
+
+
+def saturated_from(settings: object, channel: str) -> float:
+    """
+    Return the size from which on the readings of a channel are saturated, SI; 0: not known.
+
+    Parameters
+    ----------
+    settings : object
+        Whose attribute `lateral_range_m`, `yaw_range_rad`, ..., gives the end of the range, both
+        ways; 0 or absent: not known.
+    channel : str
+        Any of a rig.
+    """
+    unit = next((next(iter(sensor.units)) for sensor in SENSORS if sensor.name == channel), '')
+    full = float(getattr(settings, f'{channel}_range_{unit}', 0.0))
+    return (1.0 - _AT_END) * full
 
 
 #: Their names, in the order of the table.

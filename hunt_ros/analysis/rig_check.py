@@ -24,7 +24,7 @@ from hunt_ros.samples import (
     Series,
     smallest_step,
 )
-from hunt_ros.sensors import MOTION, SENSORS
+from hunt_ros.sensors import MOTION, SENSORS, saturated_from
 
 OK, WARN, FAIL, UNKNOWN = 'ok', 'warn', 'fail', 'unknown'
 
@@ -224,7 +224,7 @@ def _readings(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
         yield _judged('noise', channel, 0.0 < most < noise, text, advice, noise, unit)
     if channel != 'roller':
         yield _resolution(channel, smallest_step(values), noise, unit, rig)
-    limit = float(getattr(rig, f'{channel}_range_{"rad" if channel == "yaw" else "m"}', 0.0))
+    limit = saturated_from(rig, channel)
     largest = float(np.abs(values).max())
     if 0.0 < limit <= largest:
         text = f'readings reach {largest:.4g} {unit}'

@@ -16,7 +16,7 @@ from hunt_ros.compiled import B1, F2, I1, R1, compiled, compiled_part
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.door import Block
 from hunt_ros.samples import NANOSECONDS
-from hunt_ros.sensors import MOTION, SENSORS
+from hunt_ros.sensors import MOTION, SENSORS, saturated_from
 
 #: What can be wrong with a channel: words, and the code that it is part of in the code of an
 #: alarm where the channel cannot be trusted then; bit k of a row says number k. The first four
@@ -148,10 +148,9 @@ class ChannelHealth:
     def follow(self, config: DetectorConfig) -> None:
         """Use other settings from now on."""
         self._optional = self._channel in config.optional_channels
-        ranges = {s.name: float(getattr(config, s.range_setting, 0.0)) for s in SENSORS}
         self._limits = _Limits(
             _KINDS[self._channel],
-            ranges.get(self._channel, 0.0),
+            saturated_from(config, self._channel),
             config.timeout_ns(self._channel),
             round(STUCK_S * NANOSECONDS),
             round(FAULT_HOLD_S * NANOSECONDS),

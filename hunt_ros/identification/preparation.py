@@ -40,6 +40,7 @@ from hunt_ros.identification.record.stops import ignoring, measuring
 from hunt_ros.identification.record.turning import has_encoder, with_angle
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import Record, Series
+from hunt_ros.sensors import saturated_from
 
 #: A recording, or what reads it.
 Source: TypeAlias = Record | Callable[[], Record]
@@ -89,7 +90,7 @@ class Recording:
         refused, measures, assumed, turning = '', False, False, record
         channels: list[Channels] = []
         try:
-            record = measuring(record, said, settings.lateral_range_m)
+            record = measuring(record, said, saturated_from(settings, 'lateral'))
             measures = True
             turning = with_angle(record, settings)
             told = has_encoder(record) or settings.roller_diameter_m > 0.0

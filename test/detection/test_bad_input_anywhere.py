@@ -82,7 +82,7 @@ FAULTS: dict[str, Fault] = {
     'inf': Fault(('only NaN or infinite',), _value(-np.inf), event='sensor'),
     'some nan': Fault(('NaN or infinite',), _value(np.nan, every=7)),
     'stuck': Fault(('stuck',), _stuck, ('lateral', 'yaw', 'roller'), event='sensor'),
-    'saturated': Fault(('saturated',), _value(2e-3), _MOTION, event='sensor'),
+    'saturated': Fault(('saturated',), _value(1.9985e-3), _MOTION, event='sensor'),
     'zero': Fault(('zero',), _value(0.0), ('speed',)),
     'negative': Fault(('negative',), _value(-6.0), ('speed',)),
     'repeated': Fault(('repeated stamps',), _repeated),

@@ -39,8 +39,6 @@ _LASTING = 5.0
 _FINEST, _COARSEST = 14, 5
 #: Visits belong to one stretch where they are no further apart than so many usual ones.
 _APART = 10.0
-#: Readings within this share of a range that is known are at its end.
-_AT_END = 1e-3
 #: Longest time for which a sensor that measures repeats one reading, s.
 _STILL_S = 1.0
 #: Motion of fewer steps of the reading than this may end in a reading that stays.
@@ -81,7 +79,7 @@ def ignoring(
     return replace(record, channels=channels), tuple(counts)
 
 
-def measuring(record: Record, warnings: list[str], lateral_range_m: float = 0.0) -> Record:
+def measuring(record: Record, warnings: list[str], saturated_m: float = 0.0) -> Record:
     """
     Take out the stretches in which the displacement sensors do not measure.
 
@@ -91,8 +89,8 @@ def measuring(record: Record, warnings: list[str], lateral_range_m: float = 0.0)
         Channels `lateral` and `yaw` are looked at.
     warnings : list of str
         Grows by what was taken out, and why.
-    lateral_range_m : float
-        End of the range of the lateral sensor, both ways, m; 0: not known.
+    saturated_m : float
+        Size from which on lateral readings are at the end of the sensor's range, m; 0: not known.
 
     Returns
     -------
@@ -108,7 +106,7 @@ def measuring(record: Record, warnings: list[str], lateral_range_m: float = 0.0)
     for name in ('lateral', 'yaw'):
         if name not in record:
             continue
-        limit = lateral_range_m if name == 'lateral' else 0.0
+        limit = saturated_m if name == 'lateral' else 0.0
         cleaned, said = _without_stops(record[name], limit)
         if not said:
             continue
@@ -182,7 +180,7 @@ def end_of_range(values: Array, limit: float = 0.0) -> Mask:
     values : ndarray, shape (n,)
         Finite readings in the order of time, any unit.
     limit : float
-        The end, where it is known; 0: looked for.
+        Size of those at the end, where it is known; 0: looked for.
 
     Returns
     -------
@@ -190,7 +188,7 @@ def end_of_range(values: Array, limit: float = 0.0) -> Mask:
         All False where the largest readings are those of a motion that turns round.
     """
     if limit:
-        return values >= (1.0 - _AT_END) * limit
+        return values >= limit
     nothing = np.zeros(values.size, dtype=bool)
     if values.size < _FEWEST or float(np.ptp(values)) == 0.0:
         return nothing
