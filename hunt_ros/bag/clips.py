@@ -110,10 +110,7 @@ class Clip:
             if chunk.first_ns <= self.last_ns and self.first_ns <= chunk.last_ns
         ]
         if chunks:  # the files of one recorder number their topics alike
-            for schema in layout.schemas.values():
-                writer.describe(schema)
-            for channel in layout.channels.values():
-                writer.describe(channel)
+            writer.describe(*layout.schemas.values(), *layout.channels.values())
         for chunk in chunks:
             with suppress(ValueError):  # damaged
                 copy_chunk(file.view, chunk, layout, writer)

@@ -148,10 +148,7 @@ def _copy_mcap(file: McapFile, writer: McapWriter, report: Repair) -> None:
     layout = file.layout
     report.problems += layout.problems
     report.lost_bytes += layout.lost_bytes
-    for schema in layout.schemas.values():
-        writer.describe(schema)
-    for channel in layout.channels.values():
-        writer.describe(channel)
+    writer.describe(*layout.schemas.values(), *layout.channels.values())
     for offset, length in layout.beside:
         record = bytes(file.view[offset : offset + length])
         # The metadata of rosbag2 holds counts of the whole recording, which no longer hold.

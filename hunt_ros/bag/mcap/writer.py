@@ -110,13 +110,11 @@ class McapWriter:
             peer.Channel(topic.id, topic.name, topic.encoding, strings, known.get(told, 0))
         )
 
-    def describe(self, record: peer.Schema | peer.Channel) -> None:
-        """Write a schema or a channel, as it is; it is repeated in the summary."""
-        if isinstance(record, peer.Schema):
-            self.schemas[record.id] = record
-        else:
-            self.channels[record.id] = record
-        self._put(rec.pack(record))
+    def describe(self, *records: peer.Schema | peer.Channel) -> None:
+        """Write schemas and channels, as they are; they are repeated in the summary."""
+        self.schemas |= {one.id: one for one in records if isinstance(one, peer.Schema)}
+        self.channels |= {one.id: one for one in records if isinstance(one, peer.Channel)}
+        self._put(rec.pack(*records))
 
     def add_metadata(self, name: str, strings: Mapping[str, str]) -> None:
         """Write named strings, such as notes, at once."""
