@@ -1,9 +1,9 @@
 """
 The software interlock: from what the detector says, and does not say, to `armed` or `tripped`.
 
-A trip is a control loop: a tripped interlock goes on judging. Where the motion does not die out at
-the speed that the normal form calls safe, the form is refuted, and the roller goes lower for as
-long as the motion lasts, to a stop if need be.
+A trip is a control loop: a tripped interlock goes on judging. The roller goes to the speed that
+the normal form calls safe, and on through it for as long as the motion is not seen to die, to a
+stop if need be.
 
 No clock is read here: stamps are arguments, on a clock that no one can set. It is no safety
 function in the sense of any standard; docs/interlock.md says what it is for.
@@ -12,8 +12,10 @@ function in the sense of any standard; docs/interlock.md says what it is for.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from statistics import median
 from typing import NamedTuple
 
 from hunt_ros.dynamics.profile import Motion
@@ -33,14 +35,10 @@ _DRIFT_S = 30.0
 #: A start, in which every process loads its libraries, is over when all has been well for so
 #: long without a break, s: ten times what a silence may last.
 _SETTLED_S = 3.0
-#: The roller is at the safe speed when it is no faster than it by this, m/s.
-_THERE_MPS = 0.05
-#: Below v_n the motion falls. Where it has not fallen by this share in so long, s (8 periods of
-#: 2.84 Hz, three times the deviation of an estimate), and is no end of hunting either, the form
-#: is refuted.
-_DIES_S, _FALLS = 3.0, 0.1
-#: Where the detector is blind, so long is enough, s: to go lower in vain costs less than to hunt.
-_BLIND_DIES_S = 1.0
+#: Motion is seen to die below this share of its median over so many statuses (2 s): a fall of
+#: 0.36 1/s. A limit cycle that follows the falling speed shrinks by less, and neither a kick nor a
+#: spike of an estimate is long enough to count.
+_DIES, _STATUSES = 0.7, 40
 #: What is so many times as large as the quiet motion is none, though a detector that cannot trust
 #: its inputs does not say what it is.
 _GROWN = 10.0
@@ -133,6 +131,12 @@ class Heard:
     quiet_m: float = math.nan
     dies: bool = False
 
+    @property
+    def largest_m(self) -> float:
+        """The larger of the two estimates of the amplitude, m; NaN where neither is known."""
+        estimates = (self.motion.amplitude_m, self.envelope_m)
+        return max((each for each in estimates if not math.isnan(each)), default=math.nan)
+
 
 class Change(NamedTuple):
     """
@@ -207,9 +211,8 @@ class Interlock:
         self._watching = False
         self._unwell_ns = 0  # when all was not well last, before it watched
         self._moving = False  # hunting was seen, and its end was not
-        #: At the safe speed, moving: since when, and with which amplitude.
-        self._there: tuple[int, float] | None = None
-        self._refuted = False
+        self._amplitudes: deque[float] = deque(maxlen=_STATUSES)
+        self._told = False  # that the motion goes on at the safe speed
         self.goal_mps = math.inf
         off = settings.interlock == 'off'
         self.state = 'disarmed' if off else 'armed'
@@ -227,6 +230,9 @@ class Interlock:
         if self._heard_ns is None or heard.sequence != self.heard.sequence:
             self._moved_ns = now_ns
         self.heard, self._heard_ns = heard, now_ns
+        amplitude_m = heard.largest_m
+        if not math.isnan(amplitude_m):
+            self._amplitudes.append(amplitude_m)
 
     def drive(self, lost: str, roller: str = '') -> None:
         """
@@ -257,7 +263,7 @@ class Interlock:
     def _troubles(self, now_ns: int) -> Iterator[Trouble]:
         """Yield what is wrong, whatever the mode, the gravest first."""
         heard, limit_m = self.heard, self.settings.limit_m
-        amplitude_m = _largest(heard.motion.amplitude_m, heard.envelope_m)
+        amplitude_m = heard.largest_m
         above = f'above the limit, {1e3 * limit_m:.3f} mm'
         if self._roller:
             yield Trouble('speed', self._roller, now_ns)
@@ -305,23 +311,25 @@ class Interlock:
         trouble, troubles = self.trouble(now_ns), list(self._troubles(now_ns))
         blind = any(each.code in _BLIND for each in troubles)
         seen = next((each.words for each in troubles if each.code in _SEEN), '')
-        amplitude_m = _largest(self.heard.motion.amplitude_m, self.heard.envelope_m)
+        amplitude_m = self.heard.largest_m
         if blind and amplitude_m > _GROWN * self.heard.quiet_m:
             seen = seen or f'the amplitude was {1e3 * amplitude_m:.3f} mm at last'
         # Silence ends no hunting: what was seen lasts until its end is seen.
         dying = self.heard.dies and not amplitude_m <= _ENDED * self.heard.quiet_m
         self._moving = bool(seen) or (self._moving and (blind or dying))
+        # A detector that is blind sees nothing die.
+        before_m = median(self._amplitudes) if self._amplitudes else math.nan
+        lasts = self._moving and (blind or not amplitude_m < _DIES * before_m)
         if self.state == 'tripped':
-            return self._slow_down(now_ns, speed_mps, trouble.code, seen, blind)
+            return self._slow_down(now_ns, speed_mps, trouble.code, seen, lasts)
         if self.state != 'armed':
             return None
         if trouble.words and (self._watching or trouble.code not in _BLIND):
             self.goal_mps = self.safe_speed_mps()
             change = self._to('tripped', trouble.words, trouble.since_ns)
             self.code = trouble.code
-            self._slow_down(now_ns, speed_mps, trouble.code, seen, blind)
-            # Hunting at a speed that the form calls safe: it has nothing to say any more.
-            self._refuted = bool(seen) and speed_mps <= self.goal_mps + _THERE_MPS
+            self._told = False
+            self._slow_down(now_ns, speed_mps, trouble.code, seen, lasts)
             return change
         if trouble.words:
             self.cause = f'waits until all is well: {trouble.words}'
@@ -331,34 +339,26 @@ class Interlock:
         return None
 
     def _slow_down(
-        self, now_ns: int, speed_mps: float, code: str, seen: str, blind: bool
+        self, now_ns: int, speed_mps: float, code: str, seen: str, lasts: bool
     ) -> Change | None:
         """Lower the goal of a tripped interlock; return that its model is refuted, once."""
+        safe_mps = self.safe_speed_mps()
         if not math.isnan(self.heard.motion.v_n):
-            self.goal_mps = min(self.goal_mps, self.safe_speed_mps())
+            self.goal_mps = min(self.goal_mps, safe_mps)
         if code == 'speed':
             self.goal_mps = 0.0  # the only set point that means the same to every scale
-        if not self._moving:
-            self._there = None
-        elif self._refuted:
-            lower = (0.0 if math.isnan(speed_mps) else speed_mps) - _LEAD_MPS
-            self.goal_mps = max(0.0, min(self.goal_mps, lower))
-        elif not speed_mps > self.goal_mps + _THERE_MPS:
-            # A detector that is blind knows no amplitude.
-            known = _largest(self.heard.motion.amplitude_m, self.heard.envelope_m)
-            amplitude = self.displacement_m if blind else known
-            if self._there is None or amplitude < (1.0 - _FALLS) * self._there[1]:
-                self._there = now_ns, amplitude
-            since_ns = self._there[0]
-            dies_s = _BLIND_DIES_S if blind else _DIES_S
-            self._refuted = (now_ns - since_ns) / NANOSECONDS >= dies_s
-            if self._refuted:
-                cause = (
-                    f'the motion does not die out at {self.goal_mps:.2f} m/s, where the roller was'
-                    f' safe: it goes lower ({seen or "its end has not been seen"})'
-                )
-                return self._to('tripped', cause, since_ns)
-        return None
+        if not lasts:
+            return None
+        lower_mps = (0.0 if math.isnan(speed_mps) else speed_mps) - _LEAD_MPS
+        self.goal_mps = max(0.0, min(self.goal_mps, lower_mps))
+        if self._told or not speed_mps <= safe_mps - _LEAD_MPS:
+            return None
+        self._told = True
+        cause = (
+            f'the motion has not died out at {safe_mps:.2f} m/s, the safe speed: the roller goes'
+            f' lower ({seen or "its end has not been seen"})'
+        )
+        return self._to('tripped', cause, now_ns)
 
     def refusal(self, now_ns: int) -> str:
         """Return '' or why no profile may be started or resumed."""
@@ -425,12 +425,7 @@ class Interlock:
 
     def _to(self, state: str, cause: str, since_ns: int) -> Change:
         if state != 'tripped':
-            self.goal_mps, self._refuted, self._there, self.code = math.inf, False, None, ''
+            self.goal_mps, self.code = math.inf, ''
         self.state, self.cause = state, cause
         self._watching = state == 'armed'
         return Change(f'interlock_{state}', cause, since_ns)
-
-
-def _largest(*values: float) -> float:
-    """Return the largest that is known; NaN where none is."""
-    return max((value for value in values if not math.isnan(value)), default=math.nan)

@@ -217,13 +217,13 @@ FAULTS = [
     Fault('its clock is set back by an hour', _set(clock_s=-3600.0), 'armed', speed=RUNNING),
     Fault('a sensor is lost (STALE)', _set(level='STALE'), words='its inputs'),
     Fault('a sensor is lost (STALE)', _set(level='STALE'), words='its inputs', mode='measure'),
-    Fault('hunting (ERROR)', _set(level='ERROR'), words='says ERROR: its reasons'),
+    Fault('hunting (ERROR)', _set(level='ERROR'), words='says ERROR: its reasons', speed=0.0),
     Fault('hunting (ERROR)', _set(level='ERROR'), 'armed', speed=RUNNING, mode='measure'),
     Fault('a warning (WARN)', _set(level='WARN'), 'armed', speed=RUNNING),
-    Fault('the amplitude is above the limit', _say(amplitude_m=2e-3), words='2.000 mm above'),
-    Fault('the amplitude is above the limit', _say(amplitude_m=2e-3), mode='measure'),
-    Fault('the second estimate is above it', _say(envelope_m=2e-3), words='2.000 mm above'),
-    Fault('the amplitude is infinite', _say(amplitude_m=float('inf')), words='above the limit'),
+    Fault('the amplitude is above the limit', _say(amplitude_m=2e-3), words='2.000', speed=0.0),
+    Fault('the amplitude is above the limit', _say(amplitude_m=2e-3), speed=0.0, mode='measure'),
+    Fault('the second estimate is above it', _say(envelope_m=2e-3), words='2.000', speed=0.0),
+    Fault('the amplitude is infinite', _say(amplitude_m=float('inf')), words='inf mm', speed=0.0),
     Fault('the amplitude is not known', _say(amplitude_m=float('nan')), 'armed', speed=RUNNING),
     Fault('the amplitude is no number', _say(amplitude_m='?'), 'armed', speed=RUNNING),
     Fault('a level that nobody knows', _set(raw_level=b'\x09'), words='its inputs'),
@@ -255,7 +255,7 @@ FAULTS = [
         also='hard-wired stop',
     ),
     Fault('hunting, while the interlock is disarmed', _disarmed, 'disarmed', 'disarmed', RUNNING),
-    Fault('the speed node is deactivated after a trip', _deactivate, words='ERROR'),
+    Fault('the speed node is deactivated after a trip', _deactivate, words='ERROR', speed=0.0),
 ]
 
 
