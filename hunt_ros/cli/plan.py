@@ -12,8 +12,7 @@ from hunt_ros.cli.support.output import progress, tell
 from hunt_ros.cli.support.recordings import add_recordings, known_of
 from hunt_ros.errors import ConfigError
 from hunt_ros.files import write_whole
-from hunt_ros.identification.plan import Plan, plan
-from hunt_ros.identification.plan_settings import PlanSettings
+from hunt_ros.identification.plan import Plan, PlanSettings, plan
 
 EXAMPLE = 'hunt plan bags/hysteresis_loop --budget 2min --out next.yaml'
 
