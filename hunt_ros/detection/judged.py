@@ -17,11 +17,10 @@ from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 #: this part of what the other tells, or nothing while the other one is clear of its noise by this
 #: factor; for so long, s, a blow moves more than one mode.
 _CONTRARY, _PART, _CLEAR, _AGREE_S = 3.0, 0.5, 100.0, 0.5
-#: A motion within this part of the frequency of a line is not told from it while the speed
-#: changes: that is what a filter of two periods resolves. A line that passes the hunting frequency
-#: resonates, and what the filter has not given to the line it gives to the hunting. At one speed
-#: it is told where the line has less than this part of its amplitude: before that the filter may
-#: have shared out one motion, or taken it for two that cancel.
+#: A motion within this part of the frequency of a line, that is what a filter of two periods
+#: resolves, is told from it only where the line has less than this part of its amplitude: a line
+#: that passes the hunting frequency resonates, and the filter may share out one motion, or make
+#: two of it that cancel. While the speed changes its size tells nothing either.
 _NEAR, _SHARED = 0.1, 0.25
 #: The speed changes where it is off by this part from what it was over the memory of the slowest
 #: line (the least bandwidth in `tracker.tuning`), s at `REFERENCE_HZ`.
@@ -141,9 +140,9 @@ class Agreement:
                 contrary[k] |= self._lasted > self._hold
         rows['judged'][lost], rows['judged_std'][lost] = by_yaw(track[lost])
         rows['doubts'][contrary] |= np.uint32(doubts.CONTRARY)
-        near, shared = self._on_line(track, turning)
-        rows['judged'][changed & near] = math.nan
-        rows['doubts'][(changed & near) | shared] |= np.uint32(doubts.ON_LINE)
+        shared = self._on_line(track, turning)
+        rows['judged'][changed & shared] = math.nan
+        rows['doubts'][shared] |= np.uint32(doubts.ON_LINE)
 
     def _seen(self, track: NDArray[np.void]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return in which rows lateral misses a motion that yaw shows, and where it has it."""
@@ -156,10 +155,8 @@ class Agreement:
         shown = np.where(np.isnan(told), a > _CONTRARY * s, a > _PART * told)
         return measured & (smaller | hidden), ~measured | shown
 
-    def _on_line(
-        self, track: NDArray[np.void], turning: NDArray[np.float64]
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return in which rows the motion is at the frequency of a line, and shared with it."""
+    def _on_line(self, track: NDArray[np.void], turning: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return the rows in which the motion may be that of a line at its frequency."""
         away = np.abs(track['frequency_hz'] - np.multiply.outer(self._orders, turning))
         near = away < _NEAR * track['frequency_hz']
         shared = np.zeros(track.size, dtype=np.bool_)
@@ -167,7 +164,7 @@ class Agreement:
             least = _SHARED * track[f'{name}_amplitude']
             for line, which in zip(near, ('roughness', 'roughness_second'), strict=False):
                 shared |= line & (track[f'{name}_{which}'] > least)
-        return near.any(axis=0), shared
+        return shared
 
 
 def by_yaw(track: NDArray[np.void]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -32,9 +32,13 @@ def test_days_of_random_rigs() -> None:
     assert not total.contradictions
 
 
-@pytest.mark.parametrize('seed', [8, 10, 49, 57, 65, 83, 89])
+@pytest.mark.parametrize('seed', [8, 10, 49, 57, 65, 83, 89, 297])
 def test_a_line_at_the_hunting_frequency_is_no_hunting(seed: int) -> None:
     # On these days it resonates, on the way or from the start, and the filter shares it out.
     marks, _ = lived(random_day(seed))
     assert marks.false_alarms == 0
     assert marks.missed == 0
+
+
+def test_a_cycle_that_shrinks_with_the_speed_does_not_die_out() -> None:
+    assert lived(random_day(249))[0].flips == 0

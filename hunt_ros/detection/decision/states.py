@@ -145,6 +145,8 @@ def judge(
     # A branch that comes from zero has the noise on it.
     arrived = chance > _AS_LIKELY and a > _CYCLE * out['stable_amplitude']
     arrived &= disturbed or not math.isnan(out['unstable_amplitude'])
+    # On the stable branch it falls as that does, with the speed.
+    ends = falls and seen and not arrived
 
     if disturbed:
         hold(memory['motion'], DISTURBED, rows_of(rules, DISTURBED_S), stamp_ns)
@@ -152,8 +154,8 @@ def judge(
         hold(memory['motion'], QUIET, rows_of(rules, QUIET_S), stamp_ns)
     want, wait, cause = hunting, 0.0, 0
     if hunting == LIMIT_CYCLE:
-        if (falls and seen) or over:
-            want, cause = DECAYING, FALLS if falls and seen else OVER
+        if ends or over:
+            want, cause = DECAYING, FALLS if ends else OVER
     elif beyond and hunting == NO:  # before `arrived`: a bump may land on the limit cycle
         want, wait, cause = ESCAPING, ESCAPE_S, BEYOND
     elif arrived:
@@ -166,8 +168,8 @@ def judge(
         want, cause = ESCAPING, GROWING
     elif hunting == ESCAPING and not math.isnan(chance):
         want, wait, cause = DECAYING, QUIET_S, COMES_BACK
-    elif hunting == ESCAPING and ((falls and seen) or over):
-        want, cause = DECAYING, FALLS if falls and seen else OVER
+    elif hunting == ESCAPING and (ends or over):
+        want, cause = DECAYING, FALLS if ends else OVER
     elif hunting == DECAYING and over:
         want, wait, cause = NO, QUIET_S, OVER
     changed = hold(memory['hunting'], want, rows_of(rules, wait), stamp_ns)
