@@ -78,7 +78,7 @@ class McapFile:
             raise BagError(f'{path}: the file is empty, expected an MCAP recording') from error
         except OSError as error:
             raise BagError(f'{path}: cannot open it ({error.strerror})') from error
-        if self._map[: len(rec.MAGIC)] != rec.MAGIC:
+        if rec.MAGIC not in (self._map[: len(rec.MAGIC)], self._map[-len(rec.MAGIC) :]):
             self._map.close()
             raise BagError(f'{path}: not an MCAP file, it does not begin with its magic bytes')
         self.view = memoryview(self._map)

@@ -133,6 +133,9 @@ class _Walk:
         """Find every record; behind damage, go on at the next chunk that the summary names."""
         chunks = self._told_by_summary()
         position, end = len(rec.MAGIC), len(self.view)
+        if self.view[:position] != rec.MAGIC:
+            self.layout.problems.append(f'bytes 0 to {position}: no magic bytes')
+            self.layout.lost_bytes += position
         while position < end and not self.layout.ended:
             following = bisect_right(chunks, position)
             try:
