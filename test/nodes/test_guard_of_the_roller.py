@@ -181,7 +181,7 @@ def test_a_disk_that_takes_no_state_is_said_and_guards_on(graph, resident, detec
     graph.spin_until(lambda: health.says('safety state failed'))
     detector.level = 'ERROR'
     rig.until(interlock_state='tripped')
-    graph.spin_until(lambda: drive.set_points[-1] == 4.5)
+    graph.spin_until(lambda: drive.set_points[-1] == 0.0)
 
 
 def test_an_alarm_that_nobody_acknowledged_outlives_its_detector(
