@@ -293,6 +293,15 @@ def _check_span(bag: Bag, columns: Mapping[str, Series]) -> None:
     )
 
 
+def refuse_years(record: Record) -> None:
+    """Raise a BagError where a record lasts longer than any recording."""
+    if record.duration_s > LONGEST_S:
+        raise BagError(
+            f'{record.source}: its stamps are {record.duration_s / 86_400.0:.4g} days apart: its'
+            ' clock was not set, or the unit of its times is another one'
+        )
+
+
 def with_constants(record: Record, sources: Mapping[str, ChannelSource]) -> Record:
     """
     Return a record with its constant channels, at 100 Hz over the time of the others.
@@ -300,18 +309,14 @@ def with_constants(record: Record, sources: Mapping[str, ChannelSource]) -> Reco
     Raises
     ------
     BagError
-        If it lasts longer than any recording.
+        If there are some, and it lasts longer than any recording.
     """
-    if record.duration_s > LONGEST_S:
-        raise BagError(
-            f'{record.source}: its stamps are {record.duration_s / 86_400.0:.4g} days apart: its'
-            ' clock was not set, or the unit of its times is another one'
-        )
     constants = {
         name: source.constant for name, source in sources.items() if source.constant is not None
     }
     if not constants:
         return record
+    refuse_years(record)
     stamps = np.arange(record.start_ns, record.end_ns + 1, CONSTANT_STEP_NS, dtype=np.int64)
     if stamps[-1] != record.end_ns:
         stamps = np.append(stamps, np.int64(record.end_ns))

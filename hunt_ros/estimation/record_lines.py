@@ -52,6 +52,8 @@ _APART = 0.04
 _LEFT = 0.12
 #: A line is a known one if their orders differ by less than this, relative.
 _SAME = 0.05
+#: A record with fewer than one value in so many places is silence: its clock was set ahead.
+_SILENT = 100
 #: Share of the time at which a forced line may be weaker than its `lasting` power says: it is
 #: there always, so that it is seen beside hunting that is stronger for most of the time.
 _WEAKER = 0.2
@@ -500,7 +502,7 @@ def motion_of(record: Record) -> Motion | None:
     Returns
     -------
     Motion or None
-        None where it is no motion: too few samples, or clocks that were set back.
+        None where it is no motion: too few samples, clocks that were set, or nothing but silence.
     """
     usable = [name for name in ('lateral', 'yaw') if len(record.get(name, ())) > 100]
     if not usable:
@@ -513,6 +515,8 @@ def motion_of(record: Record) -> Motion | None:
     trend = np.polynomial.Polynomial.fit(time, values, 1)
     step = float(np.median(np.diff(time)))
     place = np.rint(time / step).astype(np.int64)
+    if place[-1] > _SILENT * place.size:
+        return None
     weight = np.bincount(place).astype(np.float64)
     even = np.bincount(place, weights=values - trend(time))
     # Thinned to what the grid needs; the window lets no hum through.

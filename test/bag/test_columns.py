@@ -187,6 +187,18 @@ def test_older_metadata_reads_the_same(new_record, same, tmp_path: Path, version
     same(record, read_record(path))
 
 
+def test_a_clock_set_ahead_by_years_is_read_and_given_no_constants(tmp_path: Path) -> None:
+    """A year at 100 Hz has no room; what was measured has."""
+    stamps = np.arange(2000, dtype=np.int64) * 10**7
+    stamps[1000:] += 50 * 365 * 86_400 * 10**9
+    write_record(
+        tmp_path / 'set', Record({'lateral': Series(stamps, np.sin(0.2 * np.arange(2000)))})
+    )
+    assert len(read_record(tmp_path / 'set')['lateral']) == 2000
+    with pytest.raises(BagError, match=r'1.825e\+04 days apart: its clock was not set'):
+        read_record(tmp_path / 'set', ['speed=7'])
+
+
 def test_scale_offset_and_constants(bag: Path, record) -> None:
     columns = read_columns(bag, ['a=/rig/lateral*1000', 'b=speed/2+1', 'c=16.3'])
     np.testing.assert_array_equal(columns['a'].values, record['lateral'].values * 1000)

@@ -54,3 +54,9 @@ def test_hunting_of_the_kinematic_wavelength_is_no_forced_line(grown, forced) ->
     record = record_of(np.arange(1, count + 1) / 100.0, lateral=lateral, speed=speed)
     lines = RecordLines([motion_of(record)]).forced()
     assert [line.turns_per_metre for line in lines] == pytest.approx([0.42] * forced, rel=0.01)
+
+
+def test_a_record_whose_clock_was_set_ahead_by_years_is_no_motion() -> None:
+    seconds = np.arange(6000) / 100.0 + np.where(np.arange(6000) < 3000, 0.0, 1.6e9)
+    record = record_of(seconds, lateral=1e-4 * np.cos(2.0 * np.pi * 2.8 * seconds))
+    assert motion_of(record) is None

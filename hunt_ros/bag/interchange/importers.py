@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
-from hunt_ros.bag.columns import read_record, with_constants
+from hunt_ros.bag.columns import read_record, refuse_years, with_constants
 from hunt_ros.bag.interchange.tables import Table, load_table, select
 from hunt_ros.bag.reader import STORAGES, storage_kind
 from hunt_ros.errors import BagError
@@ -92,6 +92,7 @@ def load_record(
     if table.left_out:
         notes['left_out'] = table.left_out
     record = Record(series, str(path), notes)
+    refuse_years(record)
     return with_constants(record, mapping)
 
 
