@@ -294,10 +294,14 @@ class SpeedGuard:
             slowed_mps = max(set_point + _SLOWED_MPS, before - _SLOWED_MPS)
             return self.post(set_point, now_ns), slowed_mps
 
-    def end(self) -> float:
-        """Take the roller to the safe speed, which is returned; no trip, but nothing starts."""
+    def end(self, abandoned: bool = False) -> float:
+        """
+        Take the roller to the safe speed, which is returned; no trip, but nothing starts.
+
+        Abandoned, it is taken to a stop: no speed is safe by a form that nobody watches.
+        """
         with self.deciding:
-            safe_mps = self.interlock.safe_speed_mps()
+            safe_mps = 0.0 if abandoned else self.interlock.safe_speed_mps()
             self._by_a_person().trip(safe_mps, self.measured_mps)
             return safe_mps
 

@@ -8,6 +8,7 @@ point that the drive took is published on `speed/target`, and how things stand o
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -139,6 +140,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         self._diameter_m = self._config.roller_diameter_m or RigParameters.roller_diameter_m
         self._published = 0
         self._ends_s: float | None = None  # when the node ends at the latest, steady clock
+        self._parent = os.getppid()
         self._new = NewSince()
         self._written = joint_writer(['roller'], self._config.frame_id, velocity=True)
         self._target = self.create_publisher(TwistStamped, 'speed/target', STATUS)
@@ -396,14 +398,18 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         return ''
 
     def wind_down(self) -> bool:
-        """Take the roller to the safe speed; return True when it is there, or cannot be."""
+        """
+        Take the roller to the safe speed; return True when it is there, or cannot be.
+
+        To a stop where the process that started this one has died: nobody watches the wheelset.
+        """
         guard, now_s = self._guard, time.monotonic()
         left_alone = math.isnan(guard.target_mps) and not guard.command.forced
         unguarded = guard.interlock.state == 'disarmed' and left_alone
         if unguarded or not self._config.slow_down_at_end or math.isinf(self._heard_s):
             return True
         # Again and again: no rearm ends it.
-        speed_mps, safe_mps = guard.readings.speed_mps, guard.end()
+        speed_mps, safe_mps = guard.readings.speed_mps, guard.end(os.getppid() != self._parent)
         if self._ends_s is None:
             ramp_s = max(0.0, speed_mps - safe_mps) / guard.command.limits.safe_deceleration_mps2
             self._ends_s = now_s + min(ramp_s + _ENDING_S, self.winding_s - 1.0)
