@@ -84,6 +84,7 @@ def test_the_node_that_identifies_takes_all_of_the_rig_that_an_identification_ne
 
     texts = [path.read_text() for path in Path(identification.__file__).parent.rglob('*.py')]
     read = set(re.findall(r'\b(?:settings|self)\.(\w+)', '\n'.join(texts)))
+    read.add('lateral_range_m')  # by `saturated_from`
     # The channels of a record, and the ceiling of a plan, are no settings of an identification.
     needed = (read & {item.name for item in fields(Rig)}) - {'channels', 'speed_ceiling_mps'}
     assert len(needed) >= 14

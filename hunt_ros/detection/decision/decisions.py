@@ -162,7 +162,7 @@ def decide(
             # limit cycle, what does not fall is well neither as quiet nor as disturbed.
             undecided |= not m['ratios']['fall'] > likelihood.SOME * rules.evidence
         if known and not undecided:
-            out['doubts'] &= ~doubts.ON_LINE
+            out['doubts'] -= out['doubts'] & doubts.ON_LINE
         _doubt(rules, m, known, disagree[k], other, undecided, out)
         period_rows = 1.0 / (rules.period_s * rules.nominal_hz)
         over = limits.watch(rules.limits, period_rows, m, trusted[k], out) & limits.ALARMS
