@@ -68,7 +68,7 @@ def damping_correction(
     - I^-1 sum_l (dI / dp_l) I^-1 e_l, if the derivative of the log likelihood is linear in p;
     the information on the growth rate of forced motion is its expected power, and what that
     changes with the growth rate is the time for which the motion remembers. The noise is taken
-    as known.
+    as known. What grows is left as it is: the result is one of stationary motion.
 
     Parameters
     ----------
@@ -96,9 +96,9 @@ def damping_correction(
     # With the noise held: it is known from all of the record.
     inverse = inverse_of(information[:TERMS, :TERMS])
     power = np.abs(path.phasor) ** 2
-    quiet = np.nan_to_num(power, nan=np.inf) < _QUIET**2
     columns = np.stack([path.u**power_of_u for power_of_u in LINEAR_POWERS])
     growth = theta[list(LINEAR)] @ columns
+    quiet = (np.nan_to_num(power, nan=np.inf) < _QUIET**2) & (growth < 0.0)
     forcing = np.exp(np.clip(theta[-3] + theta[-5] * path.u, -40.0, 10.0))
     step = np.diff(path.time, prepend=path.time[0])
     memory = np.empty(path.time.size)
