@@ -35,9 +35,9 @@ _DRIFT_S = 30.0
 #: A start, in which every process loads its libraries, is over when all has been well for so
 #: long without a break, s: ten times what a silence may last.
 _SETTLED_S = 3.0
-#: Motion is seen to die below this share of its median over so many statuses (2 s): a fall of
-#: 0.36 1/s. A limit cycle that follows the falling speed shrinks by less, and neither a kick nor a
-#: spike of an estimate is long enough to count.
+#: Motion is seen to die below this share of its median over so many statuses, 20 a second: it
+#: falls by 0.36 1/s. A limit cycle that follows the falling speed shrinks by less, and neither a
+#: kick nor a spike of an estimate is long enough to count.
 _DIES, _STATUSES = 0.7, 40
 #: What is so many times as large as the quiet motion is none, though a detector that cannot trust
 #: its inputs does not say what it is.

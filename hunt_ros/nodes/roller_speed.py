@@ -398,17 +398,13 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         return ''
 
     def wind_down(self) -> bool:
-        """
-        Take the roller to the safe speed; return True when it is there, or cannot be.
-
-        To a stop where the process that started this one has died: nobody watches the wheelset.
-        """
+        """Take the roller to where it is safe; return True when it is there, or cannot be."""
         guard, now_s = self._guard, time.monotonic()
         left_alone = math.isnan(guard.target_mps) and not guard.command.forced
         unguarded = guard.interlock.state == 'disarmed' and left_alone
         if unguarded or not self._config.slow_down_at_end or math.isinf(self._heard_s):
             return True
-        # Again and again: no rearm ends it.
+        # Again and again: no rearm ends it. Nobody watches where who started this one has died.
         speed_mps, safe_mps = guard.readings.speed_mps, guard.end(os.getppid() != self._parent)
         if self._ends_s is None:
             ramp_s = max(0.0, speed_mps - safe_mps) / guard.command.limits.safe_deceleration_mps2

@@ -56,6 +56,12 @@ def test_below_the_fold_nothing_is_faster_than_the_ceiling_and_little_is_learnt(
     plan(known, settings).profile.check(ceiling)
 
 
+def test_between_the_fold_and_v_c_nothing_is_faster_than_the_ceiling_each_time_anew(known):
+    found, again = (plan(known, PlanSettings(budget_s=200.0, speed_ceiling_mps=7.7)) for _ in 'ab')
+    found.profile.check(7.7)
+    assert again.to_json() == found.to_json()
+
+
 def test_speeds_and_costs_that_make_no_plan_are_refused(known):
     for name, wrong in (
         ('start_speed_mps', {'speed_ceiling_mps': 7.0, 'start_speed_mps': 7.5}),

@@ -220,9 +220,16 @@ FAULTS = [
     Fault('hunting (ERROR)', _set(level='ERROR'), words='says ERROR: its reasons', speed=0.0),
     Fault('hunting (ERROR)', _set(level='ERROR'), 'armed', speed=RUNNING, mode='measure'),
     Fault('a warning (WARN)', _set(level='WARN'), 'armed', speed=RUNNING),
-    Fault('the amplitude is above the limit', _say(amplitude_m=2e-3), words='2.000', speed=0.0),
+    Fault(
+        'the amplitude is above the limit',
+        _say(amplitude_m=2e-3),
+        words='2.000 mm above',
+        speed=0.0,
+    ),
     Fault('the amplitude is above the limit', _say(amplitude_m=2e-3), speed=0.0, mode='measure'),
-    Fault('the second estimate is above it', _say(envelope_m=2e-3), words='2.000', speed=0.0),
+    Fault(
+        'the second estimate is above it', _say(envelope_m=2e-3), words='2.000 mm above', speed=0.0
+    ),
     Fault('the amplitude is infinite', _say(amplitude_m=float('inf')), words='inf mm', speed=0.0),
     Fault('the amplitude is not known', _say(amplitude_m=float('nan')), 'armed', speed=RUNNING),
     Fault('the amplitude is no number', _say(amplitude_m='?'), 'armed', speed=RUNNING),
