@@ -13,6 +13,8 @@ that go back on all channels begin a new *epoch*.
 
 from __future__ import annotations
 
+from array import array
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -135,66 +137,58 @@ class Door:
         channel = self.channels[name]
         if not channel.received:
             self.note('heard', channels={name: int(stamps[0])})
-        before = {silent: len(self.channels[silent].queues[0]) for silent in self.silent}
+        before = {silent: len(self.channels[silent].queues[0].stamps) for silent in self.silent}
         self._finished = False
         channel.push(stamps, numbers)
         if channel.silent:
             # Of an epoch that the others do not follow into the first and the newest are kept.
-            while len(channel.queues) > 1 and len(channel.queues[-1]) > _WAITING:
+            while len(channel.queues) > 1 and len(channel.queues[-1].stamps) > _WAITING:
                 channel.refused['clock'] += _WAITING // 2
                 channel.queues[-1].drop(1, 1 + _WAITING // 2, BACKWARD)
-        for moved in dict.fromkeys([name, *self._rejoin()]):
-            channel = self.channels[moved]
-            begin, end = before.get(moved, 0), len(channel.queues[0])
-            if moved not in before:  # then what lies behind the position has come too late
-                position, stamps = self.position_ns, channel.queues[0].stamps
-                end = 0 if position is None else int(np.searchsorted(stamps, position, 'right'))
-            channel.drop(begin, end, LATE)
-
-    def _rejoin(self) -> list[str]:
-        """Take channels back into the present epoch whose clock had leapt; return them."""
-        back = []
-        for name, channel in self.channels.items():
+        for moved, channel in self.channels.items():
+            back = False
             while (stamp := channel.returned_ns()) is not None and self._is_time(stamp, channel):
                 channel.rejoin()
-                back.append(name)
-        return back
+                back = True
+            if moved in before and (back or moved == name):
+                channel.drop(before[moved], len(channel.queues[0].stamps), LATE)
+            elif self.position_ns is not None:  # what lies behind it has come too late
+                end = bisect_right(channel.queues[0].stamps, self.position_ns)
+                channel.drop(0, end, LATE)
 
     def _is_time(self, stamp_ns: int, apart: Channel) -> bool:
         """Return True if another channel came to a stamp in the present epoch without a leap."""
-        for channel in self.channels.values():
-            queue = channel.queues[0]
-            if channel is apart or queue.run_ns is None or queue.newest_ns is None:
-                continue
-            if queue.run_ns <= stamp_ns <= queue.newest_ns:
-                return True
-        return False
+        queues = [each.queues[0] for each in self.channels.values() if each is not apart]
+        runs = [(queue.run_ns, queue.newest_ns) for queue in queues]
+        return any(
+            begin is not None and end is not None and begin <= stamp_ns <= end
+            for begin, end in runs
+        )
 
     def tick(self, now_ns: int) -> bool:
         """Let silent channels go, take them back, follow the clocks; True: a new epoch began."""
+        anew = False
         for channel in self.channels.values():
             channel.clock.look(now_ns)
-        return any(
-            [
-                self._act('released', now_ns, self._overdue(now_ns)),
-                self._act('offset', now_ns, self._offsets()),
-                self._act('resumed', now_ns, self._back()),
-                self._act('clock', now_ns, self._clocks_moved()),
-            ]
-        )
-
-    def _act(self, kind: str, now_ns: int, found: Iterable[str]) -> bool:
-        """Write down what a tick has found, and do it; True: a new epoch began."""
-        if not found:
-            return False
-        offsets = found if kind == 'offset' else {}
-        self.note(kind, now_ns=now_ns, offsets=offsets, **self.received(found))
-        return self.repeat(self._journal[-1])
+        for kind, look in (
+            ('released', self._overdue),
+            ('offset', self._offsets),
+            ('resumed', self._back),
+            ('clock', self._clocks_moved),
+        ):
+            if found := look(now_ns):
+                offsets = found if kind == 'offset' else {}
+                self.note(kind, now_ns=now_ns, offsets=offsets, **self.received(found))
+                anew |= self.repeat(self._journal[-1])
+        return anew
 
     def repeat(self, entry: JournalEntry) -> bool:
         """Do what an entry says; True: a new epoch began."""
         if entry.kind == 'released':
-            self._release(entry.channels)
+            for name in entry.channels:
+                self.channels[name].silent = True
+            newest = self._newest()
+            self._silence_until_ns = max(newest) + self._drain_ns if newest else None
         elif entry.kind == 'offset':
             for name, offset in entry.offsets.items():  # what waits of them is dropped
                 self.channels[name].go_on_from(self.position_ns, offset)
@@ -228,7 +222,7 @@ class Door:
                 }
                 stamps = np.sort(np.concatenate([block.stamps_ns for block in blocks.values()]))
                 yield self._rows(after_ns, until_ns, stamps), blocks
-            elif self._epoch_ends():
+            elif self._is_free and self._epoch_over() and self._more_epochs():
                 if self.silent:  # whether they were is not in the samples
                     self.note('clock', **self.received(self.channels))
                 self._next_epoch()
@@ -269,11 +263,8 @@ class Door:
         One sentence each. Without ticks, or where the clock stands still, no channel is ever
         let go: no rows come, and the last one is not what is now.
         """
-        known = [c.newest_ns for c in self.channels.values() if c.newest_ns is not None]
-        if not known:
-            return ()
-        front, first = max(known), self._first_ns()
-        since = front if first is None else first
+        front = max(self._newest(), default=0)
+        since = min((stamps[0] for stamps in self._waiting()), default=front)
         found = []
         for name, channel in self.channels.items():
             lag = front - (since if channel.newest_ns is None else channel.newest_ns)
@@ -285,30 +276,40 @@ class Door:
     def watermark_ns(self) -> int | None:
         """Stamp up to which every channel that is not silent has spoken; None before that."""
         if self._epoch_over():
-            return self._end_of_epoch_ns()
+            return max((stamps[-1] for stamps in self._waiting()), default=self.position_ns)
         awaited = [channel for channel in self.channels.values() if not channel.silent]
         if not awaited:
             return self._silence_until_ns
-        known = [c.newest_ns for c in awaited if c.newest_ns is not None]
-        return min(known) if len(known) == len(awaited) else None
+        newest = [c.newest_ns for c in awaited if c.newest_ns is not None]
+        return min(newest) if len(newest) == len(awaited) else None
+
+    def _newest(self) -> list[int]:
+        """Return the newest stamps of the channels that have one in the present epoch, ns."""
+        return [c.newest_ns for c in self.channels.values() if c.newest_ns is not None]
+
+    def _waiting(self) -> list[array[int]]:
+        """Return the stamps that wait in the present epoch, ns, of each channel that has any."""
+        return [c.queues[0].stamps for c in self.channels.values() if c.queues[0].stamps]
 
     def _next_ns(self) -> int | None:
         """Last row of the next stretch that is complete, ns; None where no row is."""
         until, position = self.watermark_ns, self.position_ns
-        if self._limit is not None and self.epoch >= self._limit[0]:
+        if not self._is_free and self._limit is not None:
             epoch, last = self._limit
             if until is None or last is None or self.epoch > epoch:
                 return None
             until = min(until, last)
         if until is None:
             return None
-        last, begin = self._row_before(until), self._first_ns()
-        if begin is None:
-            begin = last
-        if position is not None:
-            begin = max(begin, position)
-        last = min(last, self._row_before(begin + _CHUNK_NS))
+        first = min((stamps[0] for stamps in self._waiting()), default=until)
+        begin = first if position is None else max(first, position)
+        last = min(until, begin + _CHUNK_NS) // self._period_ns * self._period_ns
         return last if position is None or last > position else None
+
+    @property
+    def _is_free(self) -> bool:
+        """False in an epoch in which it is held at a position."""
+        return self._limit is None or self.epoch < self._limit[0]
 
     def _rows(self, after_ns: int | None, until_ns: int, stamps_ns: Stamps) -> Stamps:
         """Return the rows in (after_ns, until_ns] that follow one of the samples soon enough."""
@@ -332,20 +333,6 @@ class Door:
             for low, high in zip(starts, ends, strict=True)
         ]
         return np.concatenate(parts) * self._period_ns
-
-    def _row_before(self, stamp_ns: int) -> int:
-        """Return the last row not after a stamp."""
-        return stamp_ns // self._period_ns * self._period_ns
-
-    def _first_ns(self) -> int | None:
-        """Oldest stamp waiting in the present epoch, ns."""
-        waiting = [channel.queues[0].stamps for channel in self.channels.values()]
-        return min((int(stamps[0]) for stamps in waiting if stamps.size), default=None)
-
-    def _epoch_ends(self) -> bool:
-        """True where the next epoch begins: all is said in this one, and more waits."""
-        free = self._limit is None or self.epoch < self._limit[0]
-        return free and self._epoch_over() and self._more_epochs()
 
     def _epoch_over(self) -> bool:
         """
@@ -371,14 +358,6 @@ class Door:
         """True where samples of a later epoch wait."""
         return any(len(channel.queues) > 1 for channel in self.channels.values())
 
-    def _end_of_epoch_ns(self) -> int | None:
-        """Newest stamp waiting in the present epoch, or the position where nothing waits."""
-        waiting = [channel.queues[0].stamps for channel in self.channels.values()]
-        ends = [int(stamps[-1]) for stamps in waiting if stamps.size]
-        if self.position_ns is not None:
-            ends.append(self.position_ns)
-        return max(ends, default=None)
-
     def _next_epoch(self) -> None:
         """Leave the present epoch; what still waits in it is given up."""
         silent = sorted(self.silent)
@@ -397,36 +376,25 @@ class Door:
         """Return the channels that are silent for longer than their timeout since now."""
         found = []
         for name, channel in self.channels.items():
+            late, believed = channel.clock.late_ns, channel.clock.believed
             if len(channel.queues) > 1 and channel.newest_ns is not None:
                 # Its clock was set: nothing more in this epoch.
-                overdue = now_ns - channel.newest_ns > channel.timeout_ns
-            else:
-                clock = channel.clock
-                overdue = clock.late_ns > channel.timeout_ns or not clock.believed
-            if overdue and not channel.silent:
+                late, believed = now_ns - channel.newest_ns, True
+            if not channel.silent and (late > channel.timeout_ns or not believed):
                 found.append(name)
         return found
 
-    def _release(self, names: Iterable[str]) -> None:
-        """Wait for channels no more."""
-        for name in names:
-            self.channels[name].silent = True
-        known = [c.newest_ns for c in self.channels.values() if c.newest_ns is not None]
-        self._silence_until_ns = max(known) + self._drain_ns if known else None
-
-    def _back(self) -> list[str]:
+    def _back(self, _: int) -> list[str]:
         """Return the silent channels that deliver again, by less than half their timeout late."""
-        return [
-            name
-            for name, channel in self.channels.items()
-            if channel.silent
-            and channel.clock.fresh
-            and channel.clock.believed
-            and 2 * channel.clock.late_ns <= channel.timeout_ns
-            and len(channel.queues) == 1
-        ]
+        found = []
+        for name, channel in self.channels.items():
+            clock, in_epoch = channel.clock, len(channel.queues) == 1
+            in_time = clock.fresh and 2 * clock.late_ns <= channel.timeout_ns
+            if channel.silent and in_epoch and in_time and clock.believed:
+                found.append(name)
+        return found
 
-    def _offsets(self) -> dict[str, int]:
+    def _offsets(self, _: int) -> dict[str, int]:
         """
         Return the channels to whose stamps another offset is to be added from now on, ns.
 
@@ -448,14 +416,12 @@ class Door:
                 found[name] = shifts[name] = nearest if same else offset
         return found
 
-    def _clocks_moved(self) -> Iterable[str]:
+    def _clocks_moved(self, _: int) -> Iterable[str]:
         """Return all channels if one whose clock was set back agrees with the detector's."""
         for channel in self.channels.values():
-            clock = channel.clock
-            if len(channel.queues) == 1 or channel.returned_ns() is not None:
+            offset_ns, shift_ns = channel.clock.offset_ns, channel.clock.shift_ns
+            if len(channel.queues) == 1 or channel.returned_ns() is not None or offset_ns is None:
                 continue
-            if clock.offset_ns is None:
-                continue
-            if abs(clock.offset_ns - clock.shift_ns) <= self._tolerance:
+            if abs(offset_ns - shift_ns) <= self._tolerance:
                 return self.channels
         return ()

@@ -7,8 +7,9 @@ are whole nanoseconds that increase, each in one block alone.
 
 from __future__ import annotations
 
+from array import array
+from bisect import bisect_left, bisect_right
 from collections import Counter, deque
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,93 +36,65 @@ Marks = NDArray[np.uint8]
 
 
 class _Queue:
-    """Accepted samples of one channel and epoch: arrays that grow behind and shrink in front."""
+    """
+    Accepted samples of one channel and epoch that wait.
+
+    Attributes
+    ----------
+    stamps, values, marks : array
+        Of the samples.
+    newest_ns : int or None
+        Of all it was ever given.
+    run_ns, before_run_ns : int or None
+        The present run without a leap: its first stamp, and the one before the leap.
+    """
 
     def __init__(self) -> None:
-        #: Stamps, values and marks.
-        self._arrays: list[NDArray[Any]] = [
-            np.empty(0, dtype) for dtype in (np.int64, np.float64, np.uint8)
-        ]
-        self._head = self._tail = 0
-        self.newest_ns: int | None = None  # of all it was ever given
-        #: The present run without a leap: its first stamp, and the one before the leap.
+        self.stamps, self.values, self.marks = array('q'), array('d'), array('B')
+        self.newest_ns: int | None = None
         self.run_ns: int | None = None
         self.before_run_ns: int | None = None
 
-    def __len__(self) -> int:
-        return self._tail - self._head
-
-    @property
-    def stamps(self) -> Stamps:
-        """Stamps of the waiting samples, ns, shape (n,); valid until the next call."""
-        return self._arrays[0][self._head : self._tail]
-
-    def leapt_beyond(self, stamp_ns: int) -> bool:
-        """Return True if the present run began with a leap over a stamp."""
-        if self.run_ns is None or self.before_run_ns is None:
-            return False
-        return self.before_run_ns < stamp_ns < self.run_ns
-
-    def _room(self, count: int) -> int:
-        """Make room for more samples; return the place of the first."""
-        if self._tail + count > self._arrays[0].size:
-            waiting, size = len(self), max(256, 2 * (len(self) + count))
-            self._arrays = [
-                np.concatenate([old[self._head : self._tail], np.empty(size - waiting, old.dtype)])
-                for old in self._arrays
-            ]
-            self._head, self._tail = 0, waiting
-        self._tail += count
-        return self._tail - count
-
-    def push(
-        self, stamps_ns: Stamps | int, values: Values | float, marks: Marks | int = 0
-    ) -> None:
-        """Append samples, n > 0, or one, without a leap but for the first: it begins a run."""
-        stamps = np.atleast_1d(stamps_ns)
-        place, first = self._room(stamps.size), int(stamps[0])
-        for array, new in zip(self._arrays, (stamps, values, marks), strict=True):
-            array[place : self._tail] = new
+    def push(self, stamps_ns: Stamps, values: Values, mark: int) -> None:
+        """Append samples, n > 0, the first with a mark; if it leaps, it begins a run."""
+        first = int(stamps_ns[0])
+        self.stamps.frombytes(stamps_ns.tobytes())
+        self.values.frombytes(values.tobytes())
+        self.marks.frombytes(bytes([mark]) + bytes(stamps_ns.size - 1))
         if self.newest_ns is None or first - self.newest_ns > _STAMP_JUMP_NS:
             self.run_ns, self.before_run_ns = first, self.newest_ns
-        self.newest_ns = int(stamps[-1])
+        self.newest_ns = int(stamps_ns[-1])
 
     def extend(self, later: _Queue) -> None:
-        """Append all that waits in another queue, at least one; its runs go on here."""
-        stamps, values, marks = (array[later._head : later._tail] for array in later._arrays)
-        self.push(stamps, values, marks)
+        """Append all that waits in another queue; its runs go on here."""
+        self.stamps += later.stamps
+        self.values += later.values
+        self.marks += later.marks
         self.newest_ns = later.newest_ns
         self.run_ns, self.before_run_ns = later.run_ns, later.before_run_ns
 
     def take(self, until_ns: int) -> tuple[Stamps, Values, Marks, tuple[int, float] | None]:
         """Remove the samples with stamp <= until_ns, and look at the next one."""
-        end = self._head + int(np.searchsorted(self.stamps, until_ns, side='right'))
-        stamps, values, marks = (array[self._head : end].copy() for array in self._arrays)
-        self._head = end
-        following = (int(self.stamps[0]), float(self._arrays[1][end])) if len(self) else None
-        return stamps, values, marks, following
-
-    def mark_first(self, mark: int) -> None:
-        """Add a mark to the sample that waits longest."""
-        self._arrays[2][self._head] |= mark
+        end = bisect_right(self.stamps, until_ns)
+        found = (
+            np.array(self.stamps[:end]),
+            np.array(self.values[:end]),
+            np.array(self.marks[:end]),
+        )
+        self._remove(slice(0, end))
+        return *found, (self.stamps[0], self.values[0]) if self.stamps else None
 
     def drop(self, begin: int, end: int, mark: int) -> int:
         """Remove waiting samples; their marks go to the next one, or back where there is none."""
-        if end <= begin:
-            return 0
-        first, after = self._head + begin, self._head + end
-        marks = mark | int(np.bitwise_or.reduce(self._arrays[2][first:after]))
-        if begin == 0:
-            self._head = after
-        else:
-            for array in self._arrays:
-                array[first : self._tail - (end - begin)] = array[after : self._tail]
-            self._tail -= end - begin
-            after = first
-        if after == self._tail:
+        marks = mark | int(np.bitwise_or.reduce(np.array(self.marks[begin:end])))
+        self._remove(slice(begin, end))
+        if begin == len(self.marks):
             return marks
-        self._arrays[2][after] |= marks
+        self.marks[begin] |= marks
         return 0
+
+    def _remove(self, part: slice) -> None:
+        del self.stamps[part], self.values[part], self.marks[part]
 
 
 class ChannelClock:
@@ -233,15 +206,20 @@ class Channel:
     def __init__(self, timeout_ns: int) -> None:
         self.timeout_ns = timeout_ns
         self.clock = ChannelClock()
-        self.queues = [_Queue()]
         self.refused = Counter(dict.fromkeys(_REASONS.values(), 0))
         self.refused_since = 0
         self.received = 0
         self.received_ns: int | None = None
         self.silent = False
-        self._held: tuple[int, float] | None = None
-        self._behind: list[tuple[int, float]] = []
         self._mark = 0
+        self.start_again()
+
+    def start_again(self) -> None:
+        """Forget what waits and the newest stamp: the clock starts anew."""
+        self.queues = [_Queue()]
+        #: A sample far ahead that the next one may confirm, and those that stay far behind.
+        self._held: tuple[Stamps, Values] | None = None
+        self._behind = _Queue()
 
     @property
     def newest_ns(self) -> int | None:
@@ -254,86 +232,85 @@ class Channel:
         newest, run = queue.newest_ns, queue.run_ns
         self.received += stamps_ns.size
         self.received_ns = int(stamps_ns[-1])
-        if stamps_ns.size == 1:
-            self._push_one(int(stamps_ns[0]) + shift, float(values[0]))
-        else:
-            self._push_all(stamps_ns + shift, values)
+        stamps_ns = stamps_ns + shift
+        steps = np.diff(stamps_ns)
+        odd = np.flatnonzero((steps <= 0) | (steps > _STAMP_JUMP_NS)) + 1
+        ends = np.append(odd, stamps_ns.size)
+        begin = 0
+        while begin < stamps_ns.size:
+            first, last, end = int(stamps_ns[begin]), self.queues[-1].newest_ns, begin + 1
+            usual = last is not None and 0 < first - last <= _STAMP_JUMP_NS
+            if usual and self._held is None:  # so are all up to the next odd one
+                end = int(ends[np.searchsorted(ends, begin, 'right')])
+                self._accept(stamps_ns[begin:end], values[begin:end])
+            else:
+                self._judge(stamps_ns[begin:end], values[begin:end])
+            begin = end
         if self.queues[-1] is not queue or self.queues[-1].run_ns != run:
             self.clock.begin_anew()
         last = self.queues[-1].newest_ns
         if last is not None and last != newest:
             self.clock.take(last - shift)
 
-    def _push_all(self, stamps_ns: Stamps, values: Values) -> None:
-        steps = np.diff(stamps_ns)
-        odd = np.flatnonzero((steps <= 0) | (steps > _STAMP_JUMP_NS)) + 1
-        begin = 0
-        while begin < stamps_ns.size:
-            first, last = int(stamps_ns[begin]), self.queues[-1].newest_ns
-            end = begin + 1
-            if self._held is None and last is not None and 0 < first - last <= _STAMP_JUMP_NS:
-                self._accept(first, float(values[begin]))
-                place = int(np.searchsorted(odd, begin, side='right'))
-                end = int(odd[place]) if place < odd.size else stamps_ns.size
-                if end > begin + 1:
-                    self.queues[-1].push(stamps_ns[begin + 1 : end], values[begin + 1 : end])
-            else:
-                self._push_one(first, float(values[begin]))
-            begin = end
-
-    def _push_one(self, stamp_ns: int, value: float) -> None:
+    def _judge(self, stamp: Stamps, value: Values) -> None:
+        """Judge one sample, of shape (1,)."""
+        stamp_ns = int(stamp[0])
         if self._held is not None:
             held, self._held = self._held, None
-            if stamp_ns > held[0]:
+            if stamp_ns > held[0][0]:
                 self._accept(*held)
             else:
                 self._refuse(AHEAD)
         last = self.queues[-1].newest_ns
-        if last is not None and last - stamp_ns > CLOCK_RESET_NS:
-            self._step_back(stamp_ns, value)
-        elif last is not None and stamp_ns <= last:
-            self._drop_behind()
-            self._refuse(REPEATED if stamp_ns == last else BACKWARD)
-        elif last is not None and stamp_ns - last > _STAMP_JUMP_NS:
-            self._drop_behind()
-            self._held = (stamp_ns, value)
+        if last is None or 0 < stamp_ns - last <= _STAMP_JUMP_NS:
+            self._accept(stamp, value)
+        elif last - stamp_ns > CLOCK_RESET_NS:
+            self._step_back(stamp, value)
         else:
-            self._accept(stamp_ns, value)
-
-    def _step_back(self, stamp_ns: int, value: float) -> None:
-        """Keep a stamp that is far behind; where such ones last, the clock was set back."""
-        if self._behind and not 0 < stamp_ns - self._behind[-1][0] <= _STAMP_JUMP_NS:
             self._drop_behind()
-        self._behind.append((stamp_ns, value))
-        self.refused_since += 1
-        if stamp_ns - self._behind[0][0] >= CLOCK_RESET_NS:
-            behind, self._behind = self._behind, []
-            self.queues.append(_Queue())
-            self._mark |= BACKWARD
-            for one in behind:
-                self._accept(*one)
+            if stamp_ns > last:
+                self._held = stamp, value
+            else:
+                self._refuse(REPEATED if stamp_ns == last else BACKWARD)
 
-    def _accept(self, stamp_ns: int, value: float) -> None:
+    def _step_back(self, stamp: Stamps, value: Values) -> None:
+        """Keep a stamp that is far behind; where such ones last, the clock was set back."""
+        last = self._behind.newest_ns
+        if last is not None and not 0 < stamp[0] - last <= _STAMP_JUMP_NS:
+            self._drop_behind()
+        self._behind.push(stamp, value, 0)
+        self.refused_since += 1
+        if stamp[0] - self._behind.stamps[0] >= CLOCK_RESET_NS:
+            self._behind.marks[0] = self._mark | BACKWARD
+            self.queues.append(self._behind)
+            self._behind = _Queue()
+            self._mark = self.refused_since = 0
+
+    def _accept(self, stamps: Stamps, values: Values) -> None:
         self._drop_behind()
-        self.queues[-1].push(stamp_ns, value, self._mark)
+        self.queues[-1].push(stamps, values, self._mark)
         self._mark = self.refused_since = 0
 
-    def _refuse(self, reason: int) -> None:
-        self.refused[_REASONS[reason]] += 1
-        self.refused_since += 1
+    def _refuse(self, reason: int, count: int = 1) -> None:
+        self.refused[_REASONS[reason]] += count
+        self.refused_since += count
         self._mark |= reason
 
     def _drop_behind(self) -> None:
         """Refuse those that stayed behind: the clock was not set back."""
-        self.refused_since -= len(self._behind)  # they were counted there when they came
-        for _ in self._behind:
-            self._refuse(BACKWARD)
-        self._behind.clear()
+        count = len(self._behind.stamps)
+        if not count:
+            return
+        self.refused_since -= count  # they were counted there when they came
+        self._refuse(BACKWARD, count)
+        self._behind = _Queue()
 
-    def drop(self, begin: int, end: int, reason: int, epoch: int = 0) -> None:
-        """Refuse samples begin..end that wait already."""
+    def drop(self, begin: int, end: int, reason: int) -> None:
+        """Refuse samples begin..end of the present epoch that wait already."""
+        if end <= begin:
+            return
         self.refused[_REASONS[reason]] += end - begin
-        marks = self.queues[epoch].drop(begin, end, reason)
+        marks = self.queues[0].drop(begin, end, reason)
         if marks:  # nothing waits that could carry them
             self.refused_since += end - begin
             self._mark |= marks
@@ -349,45 +326,44 @@ class Channel:
             return None
         old, new = self.queues[:2]
         newest = old.newest_ns
-        if not len(new) or newest is None:
+        if not new.stamps or newest is None:
             return None
-        first = int(new.stamps[0])
-        if old.leapt_beyond(first):
-            away, since = newest - (old.run_ns or 0), first - (old.before_run_ns or 0)
-            return first if abs(away - since) <= _STAMP_JUMP_NS else None
-        place = int(np.searchsorted(new.stamps, newest, side='right'))
-        if not 0 < place < len(new):
+        leap, end, after = self._leap_ahead(), newest, new.stamps[0]
+        if leap is None:  # it may have been one back
+            place = bisect_right(new.stamps, newest)
+            if not 0 < place < len(new.stamps):
+                return None
+            leap = newest, new.stamps[0]
+            end, after = new.stamps[place - 1], new.stamps[place]
+        lasted = abs((end - leap[1]) - (after - leap[0])) <= _STAMP_JUMP_NS
+        return after if lasted and abs(after - end) > _STAMP_JUMP_NS else None
+
+    def _leap_ahead(self) -> tuple[int, int] | None:
+        """Return the leap that the present run began with, if the next epoch begins within it."""
+        old, new = self.queues[:2]
+        before, begin = old.before_run_ns, old.run_ns
+        if before is None or begin is None or not before < new.stamps[0] < begin:
             return None
-        back, end = int(new.stamps[place]), int(new.stamps[place - 1])
-        away, since = end - first, back - newest
-        leapt = back - end > _STAMP_JUMP_NS
-        return back if leapt and abs(away - since) <= _STAMP_JUMP_NS else None
+        return before, begin
 
     def rejoin(self) -> None:
         """Go on in the present epoch after a leap, without the samples taken in it."""
-        old, new = self.queues[:2]
-        first, newest = int(new.stamps[0]), old.newest_ns
-        if old.leapt_beyond(first):
-            count = len(old) - int(np.searchsorted(old.stamps, first))
-            self.refused['ahead'] += count
-            new.mark_first(old.drop(len(old) - count, len(old), AHEAD))
-        elif newest is not None:
-            self.drop(0, int(np.searchsorted(new.stamps, newest, side='right')), BACKWARD, 1)
+        (old, new), ahead = self.queues[:2], self._leap_ahead() is not None
+        begin = end = len(old.stamps)
+        if ahead:
+            begin = bisect_left(old.stamps, new.stamps[0])
+        elif old.newest_ns is not None:
+            end += bisect_right(new.stamps, old.newest_ns)
         old.extend(self.queues.pop(1))
+        self.drop(begin, end, AHEAD if ahead else BACKWARD)
 
     def go_on_from(self, position_ns: int | None, shift_ns: int) -> None:
         """Go on after a position with stamps of another offset; drop what waits."""
-        self.refused['clock'] += sum(len(queue) for queue in self.queues)
-        self.refused['clock'] += len(self._behind) + (self._held is not None)
+        self.refused['clock'] += sum(len(one.stamps) for one in (*self.queues, self._behind))
+        self.refused['clock'] += self._held is not None
         self.start_again()
         self.queues[0].newest_ns = position_ns
         self.clock.shift_ns = shift_ns
-
-    def start_again(self) -> None:
-        """Forget what waits and the newest stamp: the clock starts anew."""
-        self.queues = [_Queue()]
-        self._held = None
-        self._behind.clear()
 
     def finish(self) -> None:
         """End of the record: accept a sample still held back, refuse those still behind."""

@@ -118,6 +118,13 @@ def test_a_clock_that_is_set_and_stays_is_followed(step_s: float, channel: str, 
     run.assert_replayed()
 
 
+def test_what_waits_of_a_clock_that_leapt_and_came_back_is_not_given_out_late(recorded) -> None:
+    record = recorded(6.0, 14.0)
+    run = Run(record, {'lateral': lambda t: np.where((t >= 4.0) & (t < 10.0), -60.0, 0.0)})
+    run.assert_replayed()
+    assert run.levels(13.0, 14.0) == {Level.OK}
+
+
 @pytest.mark.parametrize('step_s', [5.0, -5.0])
 def test_a_clock_that_all_share_may_be_set(step_s: float, recorded) -> None:
     record = recorded(6.0, 12.0)

@@ -92,7 +92,7 @@ def test_a_short_excursion_into_the_past_is_refused_and_a_lasting_one_is_a_new_e
     assert len(one.queues) == 1
     assert one.refused['backward'] == 50
     two = _fed([*forward, *lasting], [])
-    assert [len(queue) for queue in two.queues] == [100, 150]
+    assert [len(queue.stamps) for queue in two.queues] == [100, 150]
 
 
 def _leap(by_s: int) -> list[int]:
