@@ -18,7 +18,6 @@ from hunt_ros.bag.cdr.layout import USUAL_FIELDS, PathError, joint_of, parse_pat
 from hunt_ros.bag.cdr.message_types import definitions_of
 from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
 from hunt_ros.bag.reader import Bag, opened
-from hunt_ros.bag.replay_schedule import FASTEST
 from hunt_ros.errors import BagError, MessageError
 from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series
 from hunt_ros.sensors import JOINT_STATE
@@ -27,6 +26,8 @@ from hunt_ros.sensors import JOINT_STATE
 #: or left it zero), or the time it was recorded at.
 Stamps = Literal['header', 'log']
 
+#: A replay runs so much faster than the clock of its recorder at most.
+_FASTEST = 50.0
 #: How much later than it was stamped a message may be recorded, ns.
 _LATE_NS = 3600 * NANOSECONDS
 #: No recording lasts longer, s: 30 days.
@@ -278,8 +279,7 @@ def read_record(
 def _check_span(bag: Bag, columns: Mapping[str, Series]) -> None:
     """Refuse stamps that are no times: the record would last for years, nearly all of it empty."""
     first, last = bag.span_ns or (0, 0)
-    # A replay runs so much faster than the clock of its recorder at most.
-    longest = FASTEST * (last - first) + _LATE_NS
+    longest = _FASTEST * (last - first) + _LATE_NS
     ends = [(int(end), name) for name, one in columns.items()
             for end in (one.stamps_ns.min(), one.stamps_ns.max())]  # fmt: skip
     if not ends or max(ends)[0] - min(ends)[0] <= longest:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +20,6 @@ import numpy as np
 from rosgraph_msgs.msg import Clock
 
 from hunt_ros.bag import ChannelSource, read_record
-from hunt_ros.bag.replay_schedule import ReplaySchedule
 from hunt_ros.errors import BagError, ConfigError
 from hunt_ros.nodes.support.conversions import channel_writer, to_time
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health
@@ -63,7 +63,7 @@ class LiveReplayNode(SuiteNode):
 
     def __init__(self) -> None:
         super().__init__('live_replay')
-        self._config = config = declare(self, ReplayConfig, self._set_rate)
+        self._config = config = declare(self, ReplayConfig, self._reconfigure)
         warn_unknown(self)
         if not config.bag:
             raise ConfigError('live_replay: the parameter bag names no recording')
@@ -78,20 +78,23 @@ class LiveReplayNode(SuiteNode):
         order = np.argsort(stamps, kind='stable')
         self._stamps, self._values = stamps[order].tolist(), values[order].tolist()
         self._which = which[order].tolist()
-        self._schedule = ReplaySchedule(
-            self._stamps,
-            rate=config.rate,
-            from_s=config.from_s,
-            to_s=None if math.isinf(config.to_s) else config.to_s,
-            loop=config.loop,
-        )
+        # The part to play: its ends, ns, and the numbers of its messages.
+        first_ns, self._end_ns = self._stamps[0], self._stamps[-1]
+        self._begin_ns = first_ns + round(config.from_s * NANOSECONDS)
+        if math.isfinite(config.to_s):
+            self._end_ns = min(self._end_ns, first_ns + round(config.to_s * NANOSECONDS))
+        self._first = bisect_left(self._stamps, self._begin_ns)
+        self._last = bisect_right(self._stamps, self._end_ns)
+        if self._first >= self._last:
+            to_s = (self._end_ns - first_ns) / NANOSECONDS
+            raise ConfigError(f'replay: no message from {config.from_s:g} s to {to_s:g} s')
+        self._at_ns, self._playing, self._finished = self._begin_ns, False, False
         for _ in range(_DISCOVERY_ROUNDS):
             time.sleep(_LOOK_S)
             if company := self._company(ours=0):
                 raise ConfigError(company)
         self._clock_publisher = self.create_publisher(Clock, '/clock', stream(100))
         self._outputs = [self._output(name) for name in names]
-        self._lock = threading.Lock()
         self._heard = False
         offer(self, 'replay/pause', self._pause)
         offer(self, 'replay/resume', self._resume)
@@ -139,53 +142,49 @@ class LiveReplayNode(SuiteNode):
         self._diagnostics.publish()  # who shows the first sample knows that it is a replay
         self._say_time(max(0, self._stamps[0] - 1))
         time.sleep(0.5)  # clocks of the listeners take the first time before the first sample
-        self._resume()
-        checked_ns = looked_ns = time.monotonic_ns()
-        while not stopping.is_set() and not self._schedule.finished:
-            now_ns = time.monotonic_ns()
-            if now_ns - looked_ns > _PAUSE_NS and self._schedule.playing:
-                # The process was stopped: go on where it was, or all of it would come at once.
-                with self._lock:
-                    self._schedule.pause(looked_ns)
-                    self._schedule.play(now_ns)
-            looked_ns = now_ns
-            if now_ns - checked_ns > NANOSECONDS:  # somebody may have come since
-                checked_ns, self.failed = now_ns, self._company(ours=1)
+        self._playing, following = True, self._first
+        checked_ns = before_ns = time.monotonic_ns()
+        while not stopping.is_set():
+            passed_ns = time.monotonic_ns() - before_ns
+            before_ns += passed_ns
+            if before_ns - checked_ns > NANOSECONDS:  # somebody may have come since
+                checked_ns, self.failed = before_ns, self._company(ours=1)
                 if self.failed:
                     return
-            with self._lock:
-                due = self._schedule.due(now_ns)
-                reached_ns = self._schedule.time_ns(now_ns)
-                wait_ns = self._schedule.wait_ns(now_ns)
+            # Where the process was stopped it goes on, or all of it would come at once.
+            if self._playing and passed_ns <= _PAUSE_NS:
+                reached_ns = self._at_ns + round(passed_ns * self._config.rate)
+                self._at_ns = min(reached_ns, self._end_ns)
+            due = range(following, bisect_right(self._stamps, self._at_ns, following, self._last))
             for i in due:
                 self._outputs[self._which[i]](self._stamps[i], self._values[i])
-            self._say_time(reached_ns)
-            pause_s = _CLOCK_S if wait_ns is None else min(_CLOCK_S, wait_ns / NANOSECONDS)
-            time.sleep(max(1e-3, pause_s))
+            self._say_time(self._at_ns)
+            following = due.stop
+            if following >= self._last:
+                if not self._config.loop:
+                    break
+                self._at_ns, following = self._begin_ns, self._first
+            ahead_s = (self._stamps[following] - self._at_ns) / NANOSECONDS
+            time.sleep(max(1e-3, min(_CLOCK_S, ahead_s / self._config.rate)))
+        self._finished = following >= self._last
         self.get_logger().info('the recording has been played')
 
     def _say_time(self, stamp_ns: int) -> None:
         self._clock_publisher.publish(Clock(clock=to_time(stamp_ns)))
 
     def _pause(self) -> str:
-        with self._lock:
-            self._schedule.pause(time.monotonic_ns())
+        self._playing = False
         return ''
 
     def _resume(self) -> str:
-        with self._lock:
-            self._schedule.play(time.monotonic_ns())
+        self._playing = True
         return ''
 
-    def _set_rate(self, config: ReplayConfig) -> None:
-        with self._lock:
-            self._schedule.set_rate(time.monotonic_ns(), config.rate)
+    def _reconfigure(self, config: ReplayConfig) -> None:
+        self._config = config
 
     def _health(self) -> Health:
-        with self._lock:
-            playing, rate = self._schedule.playing, self._schedule.rate
-            finished = self._schedule.finished
-            at_s = (self._schedule.time_ns(time.monotonic_ns()) - self._stamps[0]) / NANOSECONDS
+        at_s, finished = (self._at_ns - self._stamps[0]) / NANOSECONDS, self._finished
         values: dict[str, object] = {
             'bag': Path(self._config.bag).name,
             'length_s': (self._stamps[-1] - self._stamps[0]) / NANOSECONDS,
@@ -195,8 +194,9 @@ class LiveReplayNode(SuiteNode):
             return 'OK', 'finished', values | {'position_s': values['length_s']}
         if not self._heard:
             return 'OK', 'waiting for a listener', values | {'listening': False}
-        text = f'at {at_s:.1f} s' if playing else f'paused at {at_s:.1f} s'
-        return 'OK', text, values | {'position_s': at_s, 'playing': playing, 'rate': rate}
+        text = f'at {at_s:.1f} s' if self._playing else f'paused at {at_s:.1f} s'
+        values |= {'playing': self._playing, 'rate': self._config.rate}
+        return 'OK', text, values | {'position_s': at_s}
 
 
 make_node = LiveReplayNode

@@ -75,6 +75,28 @@ def test_a_recording_of_simulated_time_is_told_to_be_one_and_ends_no_detector(gr
     assert detector.poll() is None
 
 
+def test_the_part_that_is_asked_for_comes_once_and_a_pause_holds_it(graph) -> None:
+    health = graph.told(of='/live_replay')
+    lateral = graph.collect(JointState, 'lateral')
+    bag = _bag(graph.folder, 60.0)
+    graph.start('live_replay', bag=bag, from_s=10.0, to_s=14.0, rate=0.5)
+    graph.spin_until(lambda: lateral)
+    assert graph.call('replay/pause').success
+    graph.spin(0.5)  # what was under way
+    count = len(lateral)
+    graph.spin(1.0)
+    assert len(lateral) == count < 801
+    assert graph.call('replay/resume').success
+    assert not graph.set_parameters('live_replay', rate=5.0)
+    graph.spin_until(lambda: health.says('finished'))
+    stamps = [to_ns(message.header.stamp) for message in lateral]
+    assert stamps == [1_700_000_000_000_000_000 + 5_000_000 * k for k in range(2000, 2801)]
+    graph.end('live_replay')
+    graph.start('live_replay', bag=bag, from_s=61.0)
+    assert graph.wait('live_replay') == 2
+    assert 'no message from 61 s' in graph.log('live_replay').read_text()
+
+
 def test_a_replay_waits_for_who_judges_and_not_for_the_page(graph) -> None:
     health = graph.told(qos=EVENTS)
     graph.start('dashboard', port=free_port())
