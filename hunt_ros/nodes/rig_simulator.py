@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -48,6 +49,13 @@ _LEAD_NS = NANOSECONDS
 #: minute for its turn. Until then time goes on by this share of real time: in that minute by the
 #: 2 s that are left of the 3 s.
 _DEAD_S, _CREEP = 60.0, 1.0 / 30.0
+#: A roller, its excitation and sensors as they are in a lab.
+_ORDINARY: dict[str, Any] = {
+    'roughness': Roughness(amplitudes=(20e-6,)),
+    'broadband': 8e-6,
+    'lateral_sensor': SensorModel(noise=5e-6),
+    'yaw_sensor': SensorModel(noise=2e-5),
+}
 
 
 @dataclass(frozen=True)
@@ -72,27 +80,6 @@ class SimulatorConfig(Settings):
     )
     initial_speed_mps: float = setting(
         6.0, 'Running speed at the start.', unit='m/s', low=0.1, high=100.0, fixed=True
-    )
-    roughness_m: float = setting(
-        20e-6,
-        'Amplitude of the roughness line of the roller.',
-        unit='m',
-        low=0.0,
-        high=1e-3,
-        fixed=True,
-    )
-    broadband: float = setting(
-        8e-6,
-        'Strength of the white yaw forcing, dimensionless equation (3).',
-        low=0.0,
-        high=1e-2,
-        fixed=True,
-    )
-    lateral_noise_m: float = setting(
-        5e-6, 'Noise of the lateral sensor.', unit='m', low=0.0, high=1e-3, fixed=True
-    )
-    yaw_noise_rad: float = setting(
-        2e-5, 'Noise of the yaw sensor.', unit='rad', low=0.0, high=1e-2, fixed=True
     )
     kick_m: float = setting(
         0.3e-3, 'Size of the bump of the service kick.', unit='m', low=0.0, high=0.02
@@ -169,7 +156,12 @@ class RigSimulatorNode(SuiteNode):
         self._config = config = declare(self, SimulatorConfig, self._reconfigure)
         warn_unknown(self)
         self._kicks = _kick_plan(config)
-        self._rig = RollerRig(read_wheelset(config.wheelset), _settings(config), seed=config.seed)
+        settings = SimulationSettings(
+            sample_rate_hz=config.sample_rate_hz,
+            initial_speed=config.initial_speed_mps,
+            **_ORDINARY,
+        )
+        self._rig = RollerRig(read_wheelset(config.wheelset), settings, seed=config.seed)
         self._server = SimulatorServer(config.host, config.port)
         self._clock_publisher = self._pace = None
         if config.time_scale != 1.0:
@@ -298,17 +290,6 @@ class RigSimulatorNode(SuiteNode):
         if not self._samples and (who := self._waits_for()):
             return 'OK', f'waits for {who}', values
         return 'OK', f'{self._server.readers} drivers connected', values
-
-
-def _settings(config: SimulatorConfig) -> SimulationSettings:
-    return SimulationSettings(
-        sample_rate_hz=config.sample_rate_hz,
-        initial_speed=config.initial_speed_mps,
-        roughness=Roughness(amplitudes=(config.roughness_m,)),
-        broadband=config.broadband,
-        lateral_sensor=SensorModel(noise=config.lateral_noise_m),
-        yaw_sensor=SensorModel(noise=config.yaw_noise_rad),
-    )
 
 
 def _kick_plan(config: SimulatorConfig) -> list[tuple[float, float]]:
