@@ -58,7 +58,7 @@ def read_columns(
     -------
     dict of str to Series
         Values in SI by the sources' scales, in the order of log time (file after
-        file, as rosbags reads them). A constant has two samples, at the ends of the
+        file, as rosbags reads them). A constant is sampled at 100 Hz over the time of the
         others.
 
     Raises
@@ -70,14 +70,7 @@ def read_columns(
     sources = channel_map(channels, allowed=None)
     with opened(bag) as recording:
         columns = _Reader(recording, sources, stamps).columns()
-    ends = [
-        int(end(one.stamps_ns)) for one in columns.values() if len(one) for end in (np.min, np.max)
-    ]
-    span = np.array([min(ends), max(ends)] if ends else [], dtype=np.int64)
-    for name, source in sources.items():
-        if source.constant is not None:
-            columns[name] = Series(span, np.full(span.size, source.constant))
-    return columns
+        return with_constants(columns, sources, str(recording.path))
 
 
 class _Reader:
@@ -273,15 +266,15 @@ def read_record(
             )
         if not filled:
             raise BagError(f'{bag.path}: its topics {", ".join(measured)} hold no messages')
-        return with_constants(Record(filled, str(bag.path), _notes(bag)), sources)
+        path = str(bag.path)
+        return Record(with_constants(filled, sources, path), path, _notes(bag))
 
 
 def _check_span(bag: Bag, columns: Mapping[str, Series]) -> None:
     """Refuse stamps that are no times: the record would last for years, nearly all of it empty."""
     first, last = bag.span_ns or (0, 0)
     longest = _FASTEST * (last - first) + _LATE_NS
-    ends = [(int(end), name) for name, one in columns.items()
-            for end in (one.stamps_ns.min(), one.stamps_ns.max())]  # fmt: skip
+    ends = _ends(columns)
     if not ends or max(ends)[0] - min(ends)[0] <= longest:
         return
     middle = float(np.median(np.concatenate([one.stamps_ns for one in columns.values()])))
@@ -293,37 +286,49 @@ def _check_span(bag: Bag, columns: Mapping[str, Series]) -> None:
     )
 
 
-def refuse_years(record: Record) -> None:
-    """Raise a BagError where a record lasts longer than any recording."""
-    if record.duration_s > LONGEST_S:
+def _ends(columns: Mapping[str, Series]) -> list[tuple[int, str]]:
+    """Return the earliest and the latest stamp of each column, ns, with its name."""
+    return [
+        (int(end), name)
+        for name, one in columns.items()
+        if len(one)
+        for end in (one.stamps_ns.min(), one.stamps_ns.max())
+    ]
+
+
+def refuse_years(first_ns: int, last_ns: int, where: str) -> None:
+    """Raise a BagError, with the file it names, where stamps span more than any recording."""
+    span_s = (last_ns - first_ns) / NANOSECONDS
+    if span_s > LONGEST_S:
         raise BagError(
-            f'{record.source}: its stamps are {record.duration_s / 86_400.0:.4g} days apart: its'
+            f'{where}: its stamps are {span_s / 86_400.0:.4g} days apart: its'
             ' clock was not set, or the unit of its times is another one'
         )
 
 
-def with_constants(record: Record, sources: Mapping[str, ChannelSource]) -> Record:
+def with_constants(
+    columns: Mapping[str, Series], sources: Mapping[str, ChannelSource], where: str
+) -> dict[str, Series]:
     """
-    Return a record with its constant channels, at 100 Hz over the time of the others.
+    Return columns with the constant ones among the sources, at 100 Hz over the time of the others.
 
     Raises
     ------
     BagError
-        If there are some, and it lasts longer than any recording.
+        If there are some, and the others last longer than any recording.
     """
     constants = {
         name: source.constant for name, source in sources.items() if source.constant is not None
     }
-    if not constants:
-        return record
-    refuse_years(record)
-    stamps = np.arange(record.start_ns, record.end_ns + 1, CONSTANT_STEP_NS, dtype=np.int64)
-    if stamps[-1] != record.end_ns:
-        stamps = np.append(stamps, np.int64(record.end_ns))
-    added = {
-        name: Series(stamps, np.full(stamps.size, value)) for name, value in constants.items()
-    }
-    return Record({**record, **added}, record.source, record.notes)
+    stamps, ends = np.zeros(0, np.int64), _ends(columns)
+    if constants and ends:
+        (first, _), (last, _) = min(ends), max(ends)
+        refuse_years(first, last, where)
+        stamps = np.arange(first, last + 1, CONSTANT_STEP_NS, dtype=np.int64)
+        if stamps[-1] != last:
+            stamps = np.append(stamps, np.int64(last))
+    added = {name: Series(stamps, np.full(stamps.size, one)) for name, one in constants.items()}
+    return {**columns, **added}
 
 
 def _named_channels(bag: Bag, wanted: Collection[str]) -> dict[str, ChannelSource]:

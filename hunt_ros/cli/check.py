@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.analysis.rig_check import FAIL, OK, UNKNOWN, WARN, Finding, check_rig
-from hunt_ros.bag import read_columns, read_record
+from hunt_ros.bag import channel_map, read_columns, read_record
 from hunt_ros.bag.plausible import wrong_unit
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import progress, tell
@@ -83,9 +83,10 @@ def _recorded(
     if not arguments.rig:
         rig = replace(rig, channels=(*record, *(either[0] for either in lacking(record))))
     named = {name: sources.get(name, name) for name in record}
+    measured = [one for one in channel_map(named).values() if one.constant is None]
     came = {
         name: series.stamps_ns
-        for name, series in read_columns(arguments.bag, named, stamps='log').items()
+        for name, series in read_columns(arguments.bag, measured, stamps='log').items()
         if len(series) == len(record[name])
     }
     return rig, record, came

@@ -349,6 +349,21 @@ def test_joints_of_several_publishers_on_one_topic_are_told_apart(tmp_path, fiel
         read_columns(tmp_path / 'a.mcap', {'x': '/joint_states.position[roll]'})
 
 
+@pytest.mark.parametrize('field', ['', '.position[lateral]'])
+def test_messages_of_velocities_alone_are_passed_over_and_told(tmp_path, field) -> None:
+    still = STORE.deserialize_cdr(joint_states(1)[0], JOINT_STATE)
+    still.velocity, still.position = still.position, still.velocity
+    speeds = [bytes(STORE.serialize_cdr(still, JOINT_STATE))] * 60
+    with Peer(tmp_path / 'a.mcap') as peer:
+        both = [part for pair in zip(joint_states(60), speeds, strict=True) for part in pair]
+        peer.add(peer.channel('/mixed'), both)
+        peer.add(peer.channel('/speeds'), speeds)
+    found = read_columns(tmp_path / 'a.mcap', {'lateral': f'/mixed{field}'})['lateral']
+    np.testing.assert_array_equal(found.values, np.arange(60.0))
+    with pytest.raises(BagError, match=r"no joint 'lateral', it has lateral \(no position\)"):
+        read_columns(tmp_path / 'a.mcap', {'lateral': f'/speeds{field}'})
+
+
 @pytest.mark.parametrize('options', [{}, {'use_chunking': False}], ids=['chunks', 'none'])
 def test_one_message_with_an_impossible_time_closes_no_channel(tmp_path, options) -> None:
     file = tmp_path / 'a.mcap'

@@ -135,17 +135,21 @@ def _layout(message: bytes, wanted: Wanted) -> _Layout:
     # "CDR" and its byte order, and every length on the way: what fixes the field's place.
     expected = {0: message[:2]}
     if wanted.joint:
-        names, lengths = _joints(message, wanted)
+        names, count, lengths = _joints(message, wanted)
         # The names too; not what pads them, where a publisher leaves what its memory held.
-        expected |= {at + 4: message[at + 4 : at + 4 + size] for at, size in lengths[2:]}
+        named = lengths[2 : 2 + len(names)]  # behind that of the frame, and how many names
+        expected |= {at + 4: message[at + 4 : at + 4 + size] for at, size in named}
         expected |= {at: message[at : at + 4] for at, _ in lengths}
         alone = wanted.alone and len(names) < 2
-        if not alone and wanted.joint not in names:
+        there = alone or wanted.joint in names
+        place = names.index(wanted.joint) if there and not alone else 0
+        if not there or place >= count:
             more = f' and {len(names) - 12} more' if len(names) > 12 else ''
             shown = f'{", ".join(names[:12]) or "none"}{more}'
+            shown += f' (no {wanted.field[0]})' if there else ''
             end = max(at + len(raw) for at, raw in expected.items())
             return _Layout(None, None, end, _checks(expected), shown)
-        path = (*path, 0 if alone else names.index(wanted.joint))
+        path = (*path, place)
         joint = wanted.joint if not alone else ''.join(names)
     field = locate(wanted.definitions, wanted.type, message, path)
     places, stamp = [field], None
@@ -160,14 +164,20 @@ def _layout(message: bytes, wanted: Wanted) -> _Layout:
     return _Layout(field, stamp, end, _checks(expected), joint)
 
 
-def _joints(message: bytes, wanted: Wanted) -> tuple[list[str], list[tuple[int, int]]]:
-    """Return the names of the joints in a message, and the lengths up to the last of them."""
+def _joints(message: bytes, wanted: Wanted) -> tuple[list[str], int, list[tuple[int, int]]]:
+    """
+    Return the joints in a message, how many numbers it has, and the lengths up to these.
+
+    A message of velocities alone has no position.
+    """
     try:
         end, lengths = extent(wanted.definitions, wanted.type, message)
         found: Any = standard_types().deserialize_cdr(message[:end], wanted.type)
     except Exception as error:  # whatever generated code meets in damaged bytes
         raise ValueError('the message is shorter than its type') from error
-    return list(found.name), lengths[: 2 + len(found.name)]  # of the frame, and how many names
+    field = str(wanted.field[0])
+    before = 3 + ('position', 'velocity', 'effort').index(field)
+    return list(found.name), len(getattr(found, field)), lengths[: before + len(found.name)]
 
 
 def _checks(expected: dict[int, bytes]) -> list[tuple[int, str, int]]:

@@ -91,9 +91,9 @@ def load_record(
         notes['units_assumed'] = assumed
     if table.left_out:
         notes['left_out'] = table.left_out
-    record = Record(series, str(path), notes)
-    refuse_years(record)
-    return with_constants(record, mapping)
+    record = Record(with_constants(series, mapping, str(path)), str(path), notes)
+    refuse_years(record.start_ns, record.end_ns, str(path))
+    return record
 
 
 def _channels(
