@@ -75,11 +75,6 @@ class MotionSensor:
         """
         return complex(eigenvalue**self.derivative)
 
-    @property
-    def column(self) -> str:
-        """Its name with its unit, as the columns of files have it: `lateral_m`."""
-        return f'{self.name}_{next(iter(self.units))}'
-
 
 SENSORS: tuple[MotionSensor, ...] = (
     MotionSensor(
@@ -116,6 +111,19 @@ SENSORS: tuple[MotionSensor, ...] = (
 )
 
 
+#: Channel -> endings of column names that tell its unit: to SI; the first is SI.
+UNITS: dict[str, Mapping[str, float]] = {
+    **{sensor.name: sensor.units for sensor in SENSORS},
+    'roller': ANGLES,
+    'speed': {'mps': 1.0, 'kmh': 1.0 / 3.6},
+}
+
+
+def si_of(channel: str) -> str:
+    """Return the SI unit of a channel as names of columns and settings end in it: `mps`."""
+    return next(iter(UNITS[channel]))
+
+
 def sensors_of(coordinate: str) -> tuple[str, ...]:
     """Return the names of the sensors that measure a coordinate."""
     return tuple(sensor.name for sensor in SENSORS if sensor.coordinate == coordinate)
@@ -133,8 +141,7 @@ def saturated_from(settings: object, channel: str) -> float:
     channel : str
         Any of a rig.
     """
-    unit = next((next(iter(sensor.units)) for sensor in SENSORS if sensor.name == channel), '')
-    full = float(getattr(settings, f'{channel}_range_{unit}', 0.0))
+    full = float(getattr(settings, f'{channel}_range_{si_of(channel)}', 0.0))
     return (1.0 - _AT_END) * full
 
 

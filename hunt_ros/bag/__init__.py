@@ -8,7 +8,7 @@ which hands out `blocks`; `columns` and `messages` take numbers and texts out of
 """
 
 from hunt_ros.bag.bag_writer import BagWriter
-from hunt_ros.bag.channels import ChannelSource, channel_map, read_channel_file
+from hunt_ros.bag.channels import ChannelSource, channel_map
 from hunt_ros.bag.columns import read_columns, read_record
 from hunt_ros.bag.plausible import check_units
 from hunt_ros.bag.reader import Bag
@@ -20,7 +20,6 @@ __all__ = [
     'ChannelSource',
     'channel_map',
     'check_units',
-    'read_channel_file',
     'read_columns',
     'read_record',
     'write_record',

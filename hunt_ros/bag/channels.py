@@ -13,10 +13,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TypeAlias
-
-import yaml
 
 from hunt_ros.errors import BagError
 from hunt_ros.samples import CHANNELS
@@ -169,27 +166,6 @@ def channel_map(
             raise BagError(f'channel {source.channel!r} is given twice: expected one source')
         mapping[source.channel] = source
     return mapping
-
-
-def read_channel_file(
-    path: str | Path, allowed: Iterable[str] | None = CHANNELS
-) -> dict[str, ChannelSource]:
-    """
-    Read a mapping from a YAML file: `lateral: /daq/ch0.data[3]*0.001`, a line a channel.
-
-    Raises
-    ------
-    BagError
-        If the file cannot be read or holds anything else.
-    """
-    try:
-        document = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = str(error).splitlines()[0]
-        raise BagError(f'{path}: cannot read the channel mapping ({reason})') from error
-    if not isinstance(document, dict) or not document:
-        raise BagError(f'{path}: expected lines such as "lateral: /daq/ch0.data[3]*0.001"')
-    return channel_map(document, allowed)
 
 
 def _named(name: str, value: ChannelSource | str | float) -> ChannelSource:

@@ -40,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add = partial(options.add, parser)
     add('bag', nargs='?', type=Path, help='recording (default: the live topics)')
-    add('--rig', '--channel', '--mapping', '--namespace', '--directory', '--json')
+    add('--rig', '--channel', '--namespace', '--directory', '--json')
     longest = options.number(0.0, 3600.0, 's', above=True)
     add('--duration', type=longest, metavar='S', help='listen for S seconds (10)')
 

@@ -19,7 +19,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('bag', type=Path, help='the recording')
     add('out', type=Path, help='.csv, .parquet or .npz; must not exist')
     add('--channel', help='column and topic.field; repeatable (default: all channels of a rig)')
-    add('--mapping', '--rig', '--from', '--to', '--json')
+    add('--rig', '--from', '--to', '--json')
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -28,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('out', type=Path, help='folder of the bag; must not exist')
     which = f'{", ".join(MOTION)}, roller or speed'
     add('--channel', help=f'{which}: a column, data[1]*0.47, or a constant; repeatable')
-    add('--mapping', '--rig', '--json')
+    add('--rig', '--json')
     add('--rate', help='samples a second of a file without times')
     add('--time', metavar='COLUMN', help='of the times, in s: t or t_ms*0.001')
     add('--namespace', default='rig')

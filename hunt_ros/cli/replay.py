@@ -28,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add = partial(options.add, parser)
     add('bag', type=Path, help='folder, .mcap or .db3')
-    add('--normal-form', '--rig', '--channel', '--mapping', '--json')
+    add('--normal-form', '--rig', '--channel', '--json')
     what = 'one setting of hunting_detector, e.g. criteria=[cfr_213_333]; repeatable'
     add('--set', action='append', default=[], metavar='NAME=VALUE', help=what)
     what = 'a new run with default settings, also where the recording holds a live one'
@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
         return replay_live(arguments, record, (asked, beside))
     config, remarks = config_for(record, asked)
     given = (arguments.normal_form, arguments.rig, arguments.set, arguments.channel)
-    another = arguments.fresh or arguments.mapping or any(given)  # than the live run of it
+    another = arguments.fresh or any(given)  # than the live run of it
     live = None if another else recorded_run(arguments.bag)
     with progress(f'replaying {arguments.bag.name}') as advance:
         if live is not None:

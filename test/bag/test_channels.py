@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hunt_ros.bag.channels import ChannelSource, channel_map, read_channel_file
+from hunt_ros.bag.channels import ChannelSource, channel_map
 from hunt_ros.errors import BagError
 
 
@@ -63,19 +61,6 @@ def test_a_channel_is_given_once_and_is_one_of_the_rig() -> None:
     with pytest.raises(BagError, match="'heave'"):
         channel_map(['heave=a'])
     assert list(channel_map(['heave=a'], allowed=None)) == ['heave']
-
-
-def test_a_file_holds_a_line_a_channel(tmp_path: Path) -> None:
-    file = tmp_path / 'channels.yaml'
-    file.write_text('lateral: /daq/ch0.data[3]*0.001\nspeed: 16.3\n')
-    mapping = read_channel_file(file)
-    assert mapping['lateral'] == ChannelSource('lateral', '/daq/ch0.data[3]', 0.001)
-    assert mapping['speed'].constant == 16.3
-    file.write_text('- a\n- b\n')
-    with pytest.raises(BagError, match='expected lines'):
-        read_channel_file(file)
-    with pytest.raises(BagError, match='missing'):
-        read_channel_file(tmp_path / 'missing')
 
 
 @pytest.mark.parametrize(

@@ -86,12 +86,12 @@ def test_export_of_a_stretch_and_import_again(bag: Path, tmp_path: Path, capsys)
     assert again.notes['rig'] == 'c'
 
 
-def test_import_with_a_mapping_file_and_an_option_over_it(tmp_path: Path) -> None:
+def test_import_by_the_sources_of_a_rig_and_an_option_over_them(tmp_path: Path) -> None:
     np.save(tmp_path / 'a.npy', np.arange(60.0).reshape(2, 30))
-    (tmp_path / 'map.yaml').write_text('lateral: data[0]*0.001\nspeed: 7\n')
+    rig = tmp_path / 'rig.yaml'
+    rig.write_text('/**: {ros__parameters: {sources: ["lateral=data[0]*0.001", "speed=7"]}}')
     words = ['import', str(tmp_path / 'a.npy'), str(tmp_path / 'out'), '--rate', '10']
-    words += ['--mapping', str(tmp_path / 'map.yaml'), '--channel', 'speed=8']
-    assert main(words) == 0
+    assert main([*words, '--rig', str(rig), '--channel', 'speed=8']) == 0
     record = read_record(tmp_path / 'out')
     np.testing.assert_array_equal(record['lateral'].values, np.arange(30.0) * 0.001)
     assert set(record['speed'].values) == {8.0}

@@ -68,9 +68,6 @@ def daq(tmp_path: Path) -> Path:
             rows = serialise(channel, Series(STAMPS, values))
             for at, raw in zip(STAMPS.tolist(), rows, strict=True):
                 bag.write(key, at, bytes(raw))
-    (tmp_path / 'map.yaml').write_text(
-        'lateral: /daq/lateral_1.position[0]*0.001\nspeed: /daq/moving\n'
-    )
     (tmp_path / 'rig.yaml').write_text(
         '/**:\n  ros__parameters:\n    sources:\n'
         '      - lateral=/daq/lateral_1.position[0]*0.001\n      - speed=/daq/moving\n'
@@ -81,9 +78,8 @@ def daq(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     'words',
     [
-        ['--mapping', 'map.yaml'],
         ['--rig', 'rig.yaml'],
-        ['--mapping', 'map.yaml', '--channel', 'speed=6.5'],
+        ['--rig', 'rig.yaml', '--channel', 'speed=6.5'],
         ['--channel', 'lateral=/daq/lateral_1.position[0]*0.001', '--channel', 'speed=7'],
     ],
 )

@@ -15,15 +15,9 @@ from hunt_ros.bag.channels import Channels, channel_map
 from hunt_ros.bag.columns import read_columns, read_record
 from hunt_ros.bag.reader import Bag
 from hunt_ros.errors import BagError
-from hunt_ros.samples import CHANNELS, NANOSECONDS, Series
-from hunt_ros.sensors import SENSORS
+from hunt_ros.samples import NANOSECONDS, Series
+from hunt_ros.sensors import si_of
 
-#: Column names of the measured channels: the unit is in the name.
-COLUMN_NAMES: dict[str, str] = {
-    **{sensor.name: sensor.column for sensor in SENSORS},
-    'roller': 'roller_rad',
-    'speed': 'speed_mps',
-}
 #: Column of the stamps.
 _STAMPS = 'stamp_ns'
 _ROWS = 100_000
@@ -93,7 +87,7 @@ def export_file(
             series = read_columns(bag, channels)
         else:
             record = read_record(bag)
-            series = {COLUMN_NAMES[name]: record[name] for name in CHANNELS if name in record}
+            series = {f'{name}_{si_of(name)}': one for name, one in record.items()}
     if from_s is not None or to_s is not None:
         begin = origin + round((from_s or 0.0) * NANOSECONDS)
         end = last + 1 if to_s is None else origin + round(to_s * NANOSECONDS)

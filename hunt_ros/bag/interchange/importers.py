@@ -15,16 +15,8 @@ from hunt_ros.bag.interchange.tables import Table, load_table, select
 from hunt_ros.bag.reader import STORAGES, storage_kind
 from hunt_ros.errors import BagError
 from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series
-from hunt_ros.sensors import ANGLES, SENSORS
+from hunt_ros.sensors import UNITS, si_of
 
-#: Channel -> endings of column names that tell its unit: to SI.
-UNITS: dict[str, Mapping[str, float]] = {
-    **{sensor.name: sensor.units for sensor in SENSORS},
-    'roller': ANGLES,
-    'speed': {'mps': 1.0, 'kmh': 1.0 / 3.6},
-}
-#: Channel -> the unit it is in.
-SI: dict[str, str] = {**{one.name: one.unit for one in SENSORS}, 'roller': 'rad', 'speed': 'm/s'}
 #: Column names that mean the time, and their unit in seconds, where the file does not tell it.
 TIMES: dict[str, float] = {
     'stamp_ns': 1e-9, 'time_ns': 1e-9, 't_ns': 1e-9, 'time_us': 1e-6, 't_us': 1e-6,
@@ -264,7 +256,7 @@ def _told_unit(table: Table, channel: str, source: ChannelSource) -> str:
 def _assumed(table: Table, mapping: Mapping[str, ChannelSource]) -> str:
     """Return the channels of which nobody has told the unit: `lateral in m, speed in m/s`."""
     return ', '.join(
-        f'{name} in {SI[name]}'
+        f'{name} in {si_of(name).replace("mps", "m/s")}'
         for name, source in mapping.items()
         if source.constant is None and source.scale == 1.0
         if not _told_unit(table, name, source)

@@ -153,7 +153,6 @@ OPTIONS: dict[str, dict[str, Any]] = {
         'action': 'append', 'default': [], 'metavar': 'NAME=SOURCE',
         'help': 'lateral=/daq/ch0.data[3]*0.001, or a constant: speed=16.3; repeatable',
     },
-    '--mapping': {'type': Path, 'metavar': 'FILE', 'help': 'the same as YAML, a line a channel'},
     '--normal-form': {
         'type': Path, 'metavar': 'FILE', 'help': 'parameter file of hunt identify --out',
     },
@@ -210,12 +209,12 @@ def channels_of(
     arguments: argparse.Namespace, allowed: Iterable[str] | None
 ) -> dict[str, ChannelSource]:
     """
-    Return where the channels stand; an option wins over a file, `--mapping` over `--rig`.
+    Return where the channels stand; an option wins over a file.
 
     Parameters
     ----------
     arguments : Namespace
-        With the options `--channel`, `--mapping` and `--rig`.
+        With the options `--channel` and `--rig`.
     allowed : iterable of str or None
         Names that may occur; None for any.
 
@@ -224,12 +223,10 @@ def channels_of(
     HuntError
         Naming the file or the option.
     """
-    from hunt_ros.bag import channel_map, read_channel_file
+    from hunt_ros.bag import channel_map
 
-    mapping = channel_map(rig_of(arguments).sources, allowed)
-    if arguments.mapping:
-        mapping |= read_channel_file(arguments.mapping, allowed)
-    return mapping | channel_map(arguments.channel, allowed)
+    told = channel_map(rig_of(arguments).sources, allowed)
+    return told | channel_map(arguments.channel, allowed)
 
 
 def read_form(path: Path) -> IdentifiedNormalForm:

@@ -42,7 +42,7 @@ def add_recordings(parser: argparse.ArgumentParser, what: str = 'recordings') ->
     """Add what to read and how to identify."""
     add = partial(options.add, parser)
     add('bags', nargs='+', metavar='BAG', help=what)
-    add('--channel', '--mapping', '--rig', '--seed')
+    add('--channel', '--rig', '--seed')
     options.add_settings(parser, Rig, _OF_RIG)
     left = 'leave out these s since the start of each recording, or of the Nth; repeatable'
     add('--ignore', type=_interval, action='append', metavar='[N:]FROM:TO', help=left)
