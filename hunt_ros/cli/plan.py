@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import re
 from functools import partial
 
 from hunt_ros.cli.support import options
@@ -14,11 +13,11 @@ from hunt_ros.errors import ConfigError
 from hunt_ros.files import write_whole
 from hunt_ros.identification.plan import Plan, PlanSettings, plan
 
-EXAMPLE = 'hunt plan bags/hysteresis_loop --budget 2min --out next.yaml'
+EXAMPLE = 'hunt plan bags/hysteresis_loop --budget 120 --out next.yaml'
 
-_UNITS = {'': 1.0, 's': 1.0, 'min': 60.0, 'h': 3600.0}
 #: Option -> setting of the plan.
 _OPTIONS = {
+    '--budget': 'budget_s',
     '--max-escape': 'max_escape',
     '--speed-ceiling': 'speed_ceiling_mps',
     '--start': 'start_speed_mps',
@@ -33,7 +32,6 @@ _SHOWN = 6
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
     add = partial(options.add, parser)
-    add('--budget', type=_time, dest='budget_s', metavar='TIME', help='600, 600s, 10min (10min)')
     options.add_settings(parser, PlanSettings, _OPTIONS)
     add('--out', type=options.new_file(), metavar='FILE', help='write the profile here')
     add_recordings(parser, 'recordings, or the parameter file of hunt identify --out')
@@ -42,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify, plan, write the profile, say why."""
-    given = options.given_settings(arguments, (*_OPTIONS.values(), 'budget_s', 'seed'))
+    given = options.given_settings(arguments, (*_OPTIONS.values(), 'seed'))
     ceiling = given.get('speed_ceiling_mps') or options.rig_of(arguments).speed_ceiling_mps
     if math.isfinite(ceiling):
         given['speed_ceiling_mps'] = ceiling
@@ -84,13 +82,3 @@ def describe(found: Plan) -> str:
         )
     lines += [f'  {one.gain_per_minute:7.2f} 1/min  {one.words}' for one in found.actions[:_SHOWN]]
     return '\n'.join(lines)
-
-
-def _time(text: str) -> float:
-    found = re.fullmatch(r'([0-9]+(?:\.[0-9]*)?)\s*(s|min|h|)', text.strip())
-    value = float(found[1]) * _UNITS[found[2]] if found else 0.0
-    if not 10.0 <= value <= 86_400.0:
-        raise argparse.ArgumentTypeError(
-            f'expected a time from 10 s to 24 h, such as 600s or 10min, got {text}'
-        )
-    return value

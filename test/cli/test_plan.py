@@ -27,7 +27,7 @@ def form(tmp_path_factory):
 
 def test_a_parameter_file_gives_the_next_profile_and_its_reason(form, tmp_path, capsys):
     out = tmp_path / 'next.yaml'
-    words = ['plan', str(form), '--budget', '1min', '--at', '7.2', '--out', str(out)]
+    words = ['plan', str(form), '--budget', '60', '--at', '7.2', '--out', str(out)]
     assert main([*words, '--json', '-']) == 0
     document = json.loads(capsys.readouterr().out)
     assert document['profile'] == out.read_text()
@@ -52,7 +52,7 @@ def test_bad_input_is_one_line_and_exit_2(form, tmp_path, capsys):
     alone.write_text(form.read_text())
     (tmp_path / 'other.npz').write_bytes(form.with_suffix('.npz').read_bytes())
     for words, said in (
-        ([str(form), '--budget', 'soon'], '10 s to 24 h'),
+        ([str(form), '--budget', 'soon'], '10 to 86400 s'),
         ([str(form), '--max-escape', '1.5'], '0 to 1'),
         ([str(form), '--speed-ceiling', '4'], 'speed_ceiling_mps'),
         ([str(form), '--at', '7,fast'], '--at'),
@@ -66,7 +66,7 @@ def test_bad_input_is_one_line_and_exit_2(form, tmp_path, capsys):
         ([str(alone)], 'alone.npz, the whole identification, is not beside it: "hunt identify'),
         ([str(tmp_path / 'missing.yaml')], 'missing.yaml'),
     ):
-        assert main(['plan', '--budget', '20s', *words]) == 2
+        assert main(['plan', '--budget', '20', *words]) == 2
         error = capsys.readouterr().err
         assert error.count('\n') == 1, words
         assert said in error, words

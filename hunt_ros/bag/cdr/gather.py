@@ -142,14 +142,14 @@ def _layout(message: bytes, wanted: Wanted) -> _Layout:
         expected |= {at: message[at : at + 4] for at, _ in lengths}
         alone = wanted.alone and len(names) < 2
         there = alone or wanted.joint in names
-        place = names.index(wanted.joint) if there and not alone else 0
-        if not there or place >= count:
+        element = names.index(wanted.joint) if there and not alone else 0
+        if not there or element >= count:
             more = f' and {len(names) - 12} more' if len(names) > 12 else ''
             shown = f'{", ".join(names[:12]) or "none"}{more}'
             shown += f' (no {wanted.field[0]})' if there else ''
             end = max(at + len(raw) for at, raw in expected.items())
             return _Layout(None, None, end, _checks(expected), shown)
-        path = (*path, place)
+        path = (*path, element)
         joint = wanted.joint if not alone else ''.join(names)
     field = locate(wanted.definitions, wanted.type, message, path)
     places, stamp = [field], None

@@ -36,8 +36,12 @@ RECORDINGS = Path('recordings')
 
 
 def number(
-    low: float = -math.inf, high: float = math.inf, unit: str = '', above: bool = False
-) -> Callable[[str], float]:
+    low: float = -math.inf,
+    high: float = math.inf,
+    unit: str = '',
+    above: bool = False,
+    kind: type[float] = float,
+) -> Callable[[str], Any]:
     """
     Return the type of an option that is a finite number within limits.
 
@@ -49,20 +53,28 @@ def number(
         For the message.
     above : bool
         True where `low` itself is excluded.
+    kind : type
+        `int` for a whole number.
     """
-    limits = f'{"above" if above else "from"} {low:g} to {high:g} {unit}'.rstrip()
+    form, what = ('d', 'whole number') if kind is int else ('g', 'number')
+    limits = f'{"above" if above else "from"} {low:{form}} to {high:{form}} {unit}'.rstrip()
 
     def parse(text: str) -> float:
         """Return the value of a text, or refuse it."""
         try:
-            value = float(text)
+            value = kind(text)
         except ValueError:
             value = math.nan
         if not math.isfinite(value) or not low <= value <= high or (above and value == low):
-            raise argparse.ArgumentTypeError(f'expected a number {limits}, got {text}')
+            raise argparse.ArgumentTypeError(f'expected a {what} {limits}, got {text}')
         return value
 
     return parse
+
+
+def whole(low: int = 0, high: int = 2**31 - 1) -> Callable[[str], int]:
+    """Return the type of an option that is a whole number from `low` to `high`."""
+    return number(low, high, kind=int)
 
 
 def numbers(
@@ -70,24 +82,6 @@ def numbers(
 ) -> Callable[[str], tuple[float, ...]]:
     """Return the type of an option that is numbers between these signs; `none`: '' is none."""
     return lambda text: () if none and not text else tuple(map(kind, re.split(f'[{signs}]', text)))
-
-
-def whole(low: int = 0, high: int = 2**31 - 1) -> Callable[[str], int]:
-    """Return the type of an option that is a whole number from `low` to `high`."""
-
-    def parse(text: str) -> int:
-        """Return the value of a text, or refuse it."""
-        try:
-            value = int(text)
-        except ValueError:
-            value = low - 1
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(
-                f'expected a whole number from {low} to {high}, got {text}'
-            )
-        return value
-
-    return parse
 
 
 def new_file(*endings: str) -> Callable[[str], Path]:

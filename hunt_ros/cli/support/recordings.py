@@ -46,9 +46,7 @@ def add_recordings(parser: argparse.ArgumentParser, what: str = 'recordings') ->
     options.add_settings(parser, Rig, _OF_RIG)
     left = 'leave out these s since the start of each recording, or of the Nth; repeatable'
     add('--ignore', type=_interval, action='append', metavar='[N:]FROM:TO', help=left)
-    hold = options.number(0.0, 1e6, 's', above=True)
-    shortest = 'shortest hold of the speed (8)'
-    add('--minimum-hold', dest='minimum_hold_s', type=hold, metavar='S', help=shortest)
+    options.add_settings(parser, IdentificationSettings, {'--minimum-hold': 'minimum_hold_s'})
     where = 'Dask scheduler, tcp://host:8786; its workers read the recordings by the same paths'
     add('--cluster', metavar='ADDRESS', help=where)
 
