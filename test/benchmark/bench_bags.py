@@ -9,29 +9,23 @@ from __future__ import annotations
 import shutil
 import tempfile
 import time
-import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from runpy import run_path
 
 import numpy as np
 from mcap.reader import make_reader
-from mcap.writer import Writer
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 from tables import asked, markdown, publish
 
 from hunt_ros.bag import read_columns, read_record, write_record
-from hunt_ros.bag.record_writer import serialise
-from hunt_ros.bag.recording import Recording, RecordingLimits
 from hunt_ros.samples import Record, Series
 
 BEGIN_NS = 1_700_000_000_000_000_000
 STORE = get_typestore(Stores.ROS2_JAZZY)
 write_rosbags = run_path(str(Path(__file__).parents[1] / 'bag' / 'conftest.py'))['write_rosbags']
 COLUMNS = ['a=/rig/lateral', 'b=/rig/yaw']
-#: Messages a second of a rig: lateral, yaw and speed at 1 kHz.
-RIG_RATE = 3000
 
 
 def timed(work: Callable[[], object], repeats: int = 1) -> float:
@@ -124,18 +118,6 @@ def compare(folder: Path, count: int) -> tuple[list[list[object]], dict[str, flo
     return rows, ratios
 
 
-def memory(folder: Path, count: int) -> tuple[float, float]:
-    """Return (MB of the columns, MB at the peak of reading one of the two channels)."""
-    path = write_record(folder / 'memory', two_channels(count), compression='zstd')
-    read_columns(path, COLUMNS[:1])
-    tracemalloc.start()
-    column = read_columns(path, COLUMNS[:1])['a']
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    shutil.rmtree(path)
-    return (column.stamps_ns.nbytes + column.values.nbytes) / 1e6, peak / 1e6
-
-
 def hour(folder: Path, seconds: float) -> list[list[object]]:
     """Write, read and replay three channels at 1 kHz."""
     from hunt_ros.detection import DetectorConfig, HuntingDetector
@@ -169,81 +151,12 @@ def hour(folder: Path, seconds: float) -> list[list[object]]:
     return rows
 
 
-def mcap_written(path: Path, stamps: np.ndarray, messages: list[bytes]) -> None:
-    """What a user of mcap writes to record the same messages, zstd chunks."""
-    with open(path, 'wb') as file:
-        writer = Writer(file)
-        writer.start()
-        schema = writer.register_schema('sensor_msgs/msg/JointState', 'ros2msg', b'')
-        channel = writer.register_channel('/rig/lateral', 'cdr', schema)
-        for at, message in zip(stamps.tolist(), messages, strict=True):
-            writer.add_message(channel, at, message, at)
-        writer.finish()
-
-
-def recorder(folder: Path, count: int) -> list[list[object]]:
-    """What a live recording costs: flat out, and at the rate of a rig (3 kHz in all)."""
-    stamps = BEGIN_NS + np.arange(count) * 1_000_000
-    messages = [bytes(row) for row in serialise('lateral', Series(stamps, np.zeros(count)))]
-    rows: list[list[object]] = []
-    begin = time.perf_counter()
-    mcap_written(folder / 'peer.mcap', stamps, messages)
-    peer = time.perf_counter() - begin
-    recording = Recording(folder / 'flat', RecordingLimits(buffer_mib=1024.0))
-    key = recording.topic('/rig/lateral', 'sensor_msgs/msg/JointState')
-    begin = time.perf_counter()
-    for at, message in zip(stamps.tolist(), messages, strict=True):
-        recording.offer(key, at, message)
-    offered = time.perf_counter() - begin
-    recording.stop()
-    done = time.perf_counter() - begin
-    need = RIG_RATE / 1e6
-    rows.append(['flat out: 10^6 messages/s taken', count / offered / 1e6, f'>= {need:g}', '-'])
-    rows.append(
-        [
-            'flat out: 10^6 messages/s to the closed bag',
-            count / done / 1e6,
-            f'>= {need:g}',
-            count / peer / 1e6,
-        ]
-    )
-    recording = Recording(folder / 'rig')
-    key = recording.topic('/rig/lateral', 'sensor_msgs/msg/JointState')
-    before = time.process_time()
-    begin, sent, worst, span = time.perf_counter(), 0, 0.0, min(5.0, count / RIG_RATE)
-    while (now := time.perf_counter() - begin) < span:
-        while sent < now * RIG_RATE:
-            start = time.perf_counter()
-            recording.offer(key, int(stamps[sent]), messages[sent])
-            worst = max(worst, time.perf_counter() - start)
-            sent += 1
-        time.sleep(0.005)
-    used = time.process_time() - before
-    recording.stop()
-    before = time.process_time()
-    mcap_written(folder / 'same.mcap', stamps[:sent], messages[:sent])
-    theirs = time.process_time() - before
-    rows.append(
-        [
-            f'{RIG_RATE} messages/s: CPU of offering, packing and writing, % of a core',
-            100.0 * used / span,
-            '< 100',
-            100.0 * theirs / span,
-        ]
-    )
-    # A subscription holds the messages of one second: what waits longer is lost.
-    rows.append([f'{RIG_RATE} messages/s: longest call of offer, ms', worst * 1e3, '< 1000', '-'])
-    return rows
-
-
 def main() -> None:
     arguments = asked(__doc__, messages=(2_000_000, 20_000), seconds=(3600.0, 20.0))
     folder = Path(tempfile.mkdtemp(prefix='bench_bags_'))
     try:
         rows, ratios = compare(folder, arguments.messages // 2)
-        columns, peak = memory(folder, arguments.messages // 2)
         long_rows = hour(folder, arguments.seconds)
-        live_rows = recorder(folder, min(200_000, arguments.messages))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     goals = [
@@ -258,16 +171,10 @@ def main() -> None:
             ' of one thread, best of 3 for hunt_ros, one run for the others, files cached.',
             markdown(['chunks', 'way', 'CPU s', '10^6 messages/s', 'times hunt_ros'], rows),
             markdown(['times as fast as', 'goal', 'measured'], goals),
-            f'Memory: one of the two channels is {columns:.0f} MB of stamps and values; reading it'
-            f' takes {peak:.0f} MB at the peak (a block of chunks beside the column).',
             f'{arguments.seconds:.0f} s of lateral, yaw and speed at 1 kHz'
             f' ({arguments.seconds * 3000 / 1e6:.1f} million messages; goals for an hour: read'
             ' in 2 s, replay in 6 s, which is 600 times real time):',
             markdown(['work', 'CPU s', 'times real time'], long_rows),
-            'A live recording (the object behind `bag_recorder`, without ROS), beside what a rig'
-            ' needs and beside the Writer of mcap, which packs and writes in the call (for the'
-            ' same messages, without pauses):',
-            markdown(['what', 'measured', 'bound', 'mcap'], live_rows),
         ]
     )
     publish('bench-bags', 'Reading recordings', text, arguments.publish)
