@@ -15,17 +15,16 @@ import tempfile
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from std_msgs.msg import String
 
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.identified import RECORDING, IdentifiedNormalForm
 from hunt_ros.errors import HuntError, one_line
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health
-from hunt_ros.nodes.support.form_files import FormFiles, recordings_of, with_recordings
+from hunt_ros.nodes.support.form_files import FormFiles
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare, declare_normal_form, warn_unknown
 from hunt_ros.nodes.support.qos import latched
@@ -84,12 +83,10 @@ class NormalFormIdentifierNode(SuiteNode):
         self._waiting: list[Path] = []
         #: Recordings behind the newest form.
         self._base: tuple[Path, ...] = ()
-        self._failure = ''  # of the last identification
         self._reverts = 0
         self._lock = threading.Lock()
         self._ordered = threading.Event()
         self._state = ('OK', 'no recording yet')
-        self._forms = 0
         self._publisher = self.create_publisher(String, 'hunting/normal_form', latched())
         self.create_subscription(String, 'recording/closed', self._on_closed, latched())
         offer(self, 'identify', self._on_identify)
@@ -110,7 +107,7 @@ class NormalFormIdentifierNode(SuiteNode):
         self._seen.extend(self._files.used())  # 'closed' is latched: it is heard once more
         if form is None:
             return
-        self._base = recordings_of(form)
+        self._base = tuple(map(Path, form.recordings))
         self._state = ('OK', f'normal form from {counted(len(self._base), "recording")}')
         if given is None:
             self._publisher.publish(String(data=form.to_yaml()))
@@ -138,8 +135,9 @@ class NormalFormIdentifierNode(SuiteNode):
             raise HuntError('no recording was closed yet')
         self._ordered.set()
         said = f'identifying from {counted(self._recordings, "recording")}'
-        if self._failure:
-            raise HuntError(f'{said}; the last identification failed: {self._failure}')
+        level, text = self._state
+        if level != 'OK':
+            raise HuntError(f'{said}; the last identification failed: {text}')
         return said
 
     def _on_revert(self) -> str:
@@ -149,7 +147,7 @@ class NormalFormIdentifierNode(SuiteNode):
             # What came since the earlier form is what led away from it: it stays out.
             self._reverts += 1
             self._waiting.clear()
-            self._base = recordings_of(IdentifiedNormalForm.from_yaml(text))
+            self._base = tuple(map(Path, IdentifiedNormalForm.from_yaml(text).recordings))
             self._publisher.publish(String(data=text))
             self._state = ('OK', 'back to the normal form before, by the operator')
         said = f'{self._files.newest} is the earlier form again'
@@ -172,66 +170,52 @@ class NormalFormIdentifierNode(SuiteNode):
             except HuntError as error:
                 if stopping.is_set():
                     return
-                self._failure, self._state = str(error), ('WARN', str(error))
+                self._state = 'WARN', str(error)
                 self.get_logger().warning(str(error))
             except Exception as error:  # any: numbers of a rig that nobody has seen
-                self._failure = one_line(error)
+                self._state = 'WARN', one_line(error)
                 self._diagnostics.failed(_TASK, error)
             else:
-                self._failure = ''
                 self._diagnostics.done(_TASK)
 
     def _identify(self, stopping: threading.Event) -> None:
         """Fit the recordings that are kept and the new ones, and publish the form."""
         with self._lock:
-            new, base, reverts = tuple(self._waiting), self._base, self._reverts
+            new, reverts = tuple(self._waiting), self._reverts
+            paths = (*self._base, *new)[-self._config.history :]
             self._state = ('OK', f'identifying from {counted(self._recordings, "recording")}')
         begin = time.monotonic()
         with tempfile.TemporaryDirectory() as folder:
             whole = Path(folder) / 'whole.npz'
-            paths = (*base, *new)[-self._config.history :]
             found = refit(paths, self._config.identification(), whole, stopping)
-            self._forget(found.unreadable)
-            if not found.recordings:
-                if found.problem:
-                    raise HuntError(found.problem)
-                return
-            for warning in found.warnings:
+            for warning in (*found.unreadable.values(), *found.warnings):
                 self.get_logger().warning(warning)
             with self._lock:
                 if reverts != self._reverts:
                     self.get_logger().warning('reverted meanwhile: this identification is dropped')
                     return
-                self._waiting = [path for path in self._waiting if path not in new]
-                self._base = tuple(map(Path, found.recordings))
+                # What cannot be read is left out, and what has been used waits no longer.
+                over = {*map(Path, found.unreadable), *(new if found.recordings else ())}
+                self._waiting = [path for path in self._waiting if path not in over]
+                left = tuple(path for path in self._base if path not in over)
+                self._base = tuple(map(Path, found.recordings)) or left
                 if not found.form:
-                    raise HuntError(
-                        f'the recordings do not determine a normal form: {found.problem}'
-                    )
+                    raise HuntError(found.problem or 'no recording can be read')
                 form = IdentifiedNormalForm.from_yaml(found.form)
-                form = replace(form, rig_name=self._config.rig_name)
-                text = with_recordings(form, self._base).to_yaml()
+                lines = {f'{RECORDING}{k}': str(path) for k, path in enumerate(self._base, 1)}
+                provenance = {**form.provenance, **lines}
+                form = replace(form, rig_name=self._config.rig_name, provenance=provenance)
+                text = form.to_yaml()
                 path = self._files.keep(text, whole)
-                self._forms += 1
                 self._publisher.publish(String(data=text))
-                count = len(self._base)
-                self._state = ('OK', f'{path} from {counted(count, "recording")}')
+                count = counted(len(self._base), 'recording')
+                self._state = ('OK', f'{path} from {count}')
         took_s = time.monotonic() - begin
-        self.get_logger().info(
-            f'normal form from {counted(count, "recording")} in {took_s:.1f} s: {path}'
-        )
-
-    def _forget(self, unreadable: Mapping[str, str]) -> None:
-        """Leave out recordings that cannot be read, and say why."""
-        for why in unreadable.values():
-            self.get_logger().warning(why)
-        with self._lock:
-            self._waiting = [path for path in self._waiting if str(path) not in unreadable]
-            self._base = tuple(path for path in self._base if str(path) not in unreadable)
+        self.get_logger().info(f'normal form from {count} in {took_s:.1f} s: {path}')
 
     def _health(self) -> Health:
         level, text = self._state
-        return level, text, {'recordings': self._recordings, 'forms': self._forms}
+        return level, text, {'recordings': self._recordings}
 
 
 make_node = NormalFormIdentifierNode

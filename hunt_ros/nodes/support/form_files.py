@@ -8,31 +8,17 @@ too, as `normal_form_reverted_001.yaml`: nothing is ever deleted.
 
 from __future__ import annotations
 
-import re
 import shutil
-from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 from hunt_ros.detection.acceptance import rolled_back
-from hunt_ros.dynamics.identified import NEWEST_FILE, RECORDING, IdentifiedNormalForm
+from hunt_ros.dynamics.identified import NEWEST_FILE, IdentifiedNormalForm
 from hunt_ros.errors import HuntError
 from hunt_ros.files import write_whole
 
 #: Ends the name of the identification that a parameter file comes from.
 _WHOLE = '.npz'
-
-
-def with_recordings(form: IdentifiedNormalForm, paths: Iterable[Path]) -> IdentifiedNormalForm:
-    """Return the form with the recordings that it rests on in its provenance."""
-    lines = {f'{RECORDING}{number}': str(path) for number, path in enumerate(paths, 1)}
-    return replace(form, provenance={**form.provenance, **lines})
-
-
-def recordings_of(form: IdentifiedNormalForm) -> tuple[Path, ...]:
-    """Return the recordings that a form rests on, the oldest first, as far as it says."""
-    return tuple(map(Path, form.recordings))
 
 
 def _move(path: Path, to: Path) -> None:
@@ -83,7 +69,7 @@ class FormFiles:
         for path in self._directory.glob('normal_form*.yaml'):
             with suppress(OSError, ValueError, HuntError):
                 text = path.read_text(encoding='utf-8')
-                found.update(recordings_of(IdentifiedNormalForm.from_yaml(text, str(path))))
+                found.update(map(Path, IdentifiedNormalForm.from_yaml(text).recordings))
         return found
 
     def earlier(self) -> list[Path]:
@@ -149,16 +135,13 @@ class FormFiles:
         return text
 
     def _numbered(self, stem: str) -> list[Path]:
-        pattern = re.compile(re.escape(stem) + r'_(\d{3,})\.yaml')
-        found = {}
-        for path in self._directory.glob(f'{stem}_*.yaml'):
-            matched = pattern.fullmatch(path.name)
-            if matched:
-                found[int(matched.group(1))] = path
-        return [found[number] for number in sorted(found)]
+        """Return the files with a number behind the stem, by number."""
+        found = {
+            path.stem.removeprefix(f'{stem}_'): path for path in self._directory.glob('*.yaml')
+        }
+        return [found[number] for number in sorted(filter(str.isdecimal, found), key=int)]
 
     def _next(self, stem: str) -> Path:
         """Return the name after the highest number, so that the order is that of time."""
-        used = self._numbered(stem)
-        number = 1 + (int(used[-1].stem.rpartition('_')[2]) if used else 0)
-        return self._directory / f'{stem}_{number:03d}.yaml'
+        numbers = [int(path.stem.removeprefix(f'{stem}_')) for path in self._numbered(stem)]
+        return self._directory / f'{stem}_{1 + max(numbers, default=0):03d}.yaml'

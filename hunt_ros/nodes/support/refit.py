@@ -8,20 +8,18 @@ interpreter of the node, which may be that of the detector and of the interlock 
 from __future__ import annotations
 
 import os
-import signal
 import sys
-import traceback
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
-from multiprocessing import get_context, parent_process
-from multiprocessing.connection import Connection
+from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
 from threading import Event, Thread
-from typing import Any
 
 from hunt_ros.bag.columns import read_record
 from hunt_ros.compiled import on_compilation
-from hunt_ros.errors import HuntError, one_line
+from hunt_ros.errors import HuntError
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import Unknown
 
@@ -77,39 +75,29 @@ def refit(
 
     Raises
     ------
+    HuntError
+        If it is to end before it is done.
     RuntimeError
-        If the process ends without an answer, or with an error that nobody expected.
+        If the process is killed; and what nobody expected, as it was raised there.
     """
-    context = get_context('spawn')
-    found, answer = context.Pipe(duplex=False)
-    child = context.Process(target=_work, args=(answer, list(recordings), settings, whole))
-    child.start()
-    assert child.pid is not None
-    os.setpriority(os.PRIO_PROCESS, child.pid, os.nice(0) + _NICENESS)
-    answer.close()
-    with found:
-        try:
-            while not found.poll(_LOOK_S):
-                if stopping.is_set():
+    with ProcessPoolExecutor(1, get_context('spawn'), _prepare) as pool:
+        job = pool.submit(_identified, recordings, settings, whole)
+        while not wait([job], _LOOK_S).done:
+            if stopping.is_set():
+                for child in active_children():
                     child.kill()
-                    return Refit(problem='ended before it was done')
-            said = found.recv()
-        except EOFError:
-            child.join()
-            code = child.exitcode or 0
-            how = f'by {signal.Signals(-code).name}' if code < 0 else f'with exit code {code}'
-            raise RuntimeError(f'its process was ended {how}') from None
-    child.join()
-    if isinstance(said, str):
-        raise RuntimeError(said)
-    assert isinstance(said, Refit)
-    return said
+        try:
+            return job.result()
+        except BrokenProcessPool:
+            if stopping.is_set():
+                raise HuntError('ended before it was done') from None
+            raise RuntimeError('its process was killed') from None
 
 
 def _identified(
     recordings: Sequence[Path], settings: IdentificationSettings, whole: Path
 ) -> Refit:
-    """Do the work of an order."""
+    """Identify, in the process of its own."""
     from hunt_ros.dynamics.normal_form import COEFFICIENTS
     from hunt_ros.identification import identify
 
@@ -132,19 +120,16 @@ def _identified(
         return replace(found, form=result.normal_form.to_yaml())
     missing = [each for each in map(result.quantity, COEFFICIENTS) if isinstance(each, Unknown)]
     reasons = dict.fromkeys(each.reason for each in missing) or result.notices
-    return replace(found, problem='; '.join(reasons))
+    why = '; '.join(reasons)
+    return replace(found, problem=f'the recordings do not determine a normal form: {why}')
 
 
-def _work(answer: Connection, *order: Any) -> None:
-    """Answer an order, in the process of its own: with a text where nobody expected the error."""
+def _prepare() -> None:
+    """Begin a process that identifies."""
     os.setsid()  # Ctrl-C is for the node, which ends this
+    os.nice(_NICENESS)
     Thread(target=_end_without_node, daemon=True).start()
     on_compilation(lambda text: print(f'identification: {text}', file=sys.stderr, flush=True))
-    try:
-        answer.send(_identified(*order))
-    except Exception as error:  # any: numbers of a rig that nobody has seen
-        traceback.print_exc()
-        answer.send(one_line(error))
 
 
 def _end_without_node() -> None:
