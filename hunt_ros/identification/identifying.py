@@ -16,7 +16,6 @@ from scipy.ndimage import median_filter
 from hunt_ros.analysis.steady_state import hunting_threshold, observed_critical_speeds
 from hunt_ros.dynamics.growth_law import GrowthScales
 from hunt_ros.dynamics.mode_shape import ModeShape, fitted_shape
-from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import IdentificationError
 from hunt_ros.estimation.record_lines import ForcedLine, RecordLines
 from hunt_ros.identification.bracket import bracket_of
@@ -48,7 +47,6 @@ from hunt_ros.identification.record.screening import (
 )
 from hunt_ros.identification.record.segments import Run
 from hunt_ros.identification.record.segments import runs as spans
-from hunt_ros.identification.record.turning import lines_above
 from hunt_ros.identification.result import Identification
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.verdict.verdict import Evidence, conclude
@@ -104,18 +102,10 @@ def identify(
     with mapper(settings.cluster) as mapped:
         recordings = _usable(sources, settings, mapped, warnings, lambda part: tell(_READ * part))
         settings = _with_resolution(settings, recordings, warnings)
-        frequency, bare, forced, said = _hunting_frequency(recordings, settings, mapped)
-        if rolled := _rolled(recordings, settings.orders, forced, frequency):
-            # The line of the roller tells its diameter, and that the line's angle.
-            settings = replace(settings, roller_diameter_m=rolled)
-            recordings = [one.with_settings(roller_diameter_m=rolled) for one in recordings]
-            _read(recordings, mapped)
-            frequency, bare, forced, said = _hunting_frequency(recordings, settings, mapped)
-            warnings.append(f'no roller angle: a roller of {rolled:.3g} m by its line')
-        warnings += said
+        frequency, forced = _hunting_frequency(recordings, settings, mapped, warnings)
         # The way alone does not tell the angle of one that follows the speed well enough.
         fixed = [line.frequency_hz for line in forced if math.isfinite(line.frequency_hz)]
-        work = partial(runs_in, bare=bare, frequency_hz=frequency, fixed_hz=fixed)
+        work = partial(runs_in, frequency_hz=frequency, fixed_hz=fixed)
         runs = _runs(
             recordings,
             work,
@@ -259,15 +249,17 @@ def _given(recordings: Sequence[Recording]) -> tuple[Record, ...]:
 
 
 def _hunting_frequency(
-    recordings: Sequence[Recording], settings: IdentificationSettings, mapped: Mapper
-) -> tuple[float, bool, list[ForcedLine], list[str]]:
+    recordings: list[Recording],
+    settings: IdentificationSettings,
+    mapped: Mapper,
+    warnings: list[str],
+) -> tuple[float, list[ForcedLine]]:
     """
-    Look for the hunting and for lines that are none.
+    Look for the hunting and for lines that are none: its frequency, Hz, and those lines.
 
-    Returns its frequency, Hz; whether an angle that nobody gave is left out; the lines; and what
-    is to be said of them.
+    A roller whose angle nobody gave is known by its line: where one is found, the recordings are
+    read again with the diameter that it tells.
     """
-    said: list[str] = []
     places = _places(recordings)
     stretches = [stretch for _, _, stretch in places]
     chosen = [places[k] for k in looked_at(stretches)]
@@ -280,41 +272,29 @@ def _hunting_frequency(
     frequency = settings.hunting_frequency_hz or lines.strongest_hz
     if not frequency:
         raise IdentificationError('no stretch of the lateral channel is free of drop-outs')
-    bare = False
-    if any(stretch.assumed for stretch in stretches):
-        # A line of a roller that nobody named must not be the hunting itself.
-        bare = not lines_above(stretches, settings, frequency)
-        said.append(
-            f'no roller angle, and a roller of {RigParameters.roller_diameter_m:g} m assumed: its'
-            f' lines {"would be near the hunting, none is" if bare else "are"} removed'
-            f'{"" if bare else " where the speed has them"}'
-        )
     forced = []
     for line in lines.unknown():
         at = [line.frequency_hz, *(line.turns_per_metre * one.speed for one in stretches)]
         # A limit cycle that stays as it is for most of the time looks forced.
         if not any(abs(math.log(hz / frequency)) < _ITSELF for hz in at):
-            said.append(line.words(roller))
             forced.append(line)
-    return frequency, bare, forced, said
-
-
-def _rolled(
-    recordings: Sequence[Recording],
-    orders: NDArray[np.float64],
-    forced: Sequence[ForcedLine],
-    frequency_hz: float,
-) -> float:
-    """
-    Return the diameter of a roller that nobody gave, by its line, m; 0 where none is needed.
-
-    The windows see the hunting free of what is at twice its frequency, or above.
-    """
-    stretches = [stretch for _, _, stretch in _places(recordings) if stretch.assumed]
-    turns = [line.turns_per_metre for line in forced if math.isfinite(line.turns_per_metre)]
-    lowest = min(turns, default=math.inf)
-    near = any(lowest * stretch.slow < 2.0 * frequency_hz for stretch in stretches)
-    return float(orders.min()) / (math.pi * lowest) if near else 0.0
+    if len(seen) < len(turns) and settings.orders.size and not settings.roller_diameter_m:
+        ways = [x for x in (line.turns_per_metre for line in forced) if math.isfinite(x)]
+        unit = roller if seen else min(ways, default=math.nan) / float(settings.orders.min())
+        if math.isfinite(unit):
+            diameter = 1.0 / (math.pi * unit)
+            by = 'the encoder of other recordings' if seen else 'its line'
+            warnings.append(f'no roller angle: a roller of {diameter:.3g} m by {by}')
+            recordings[:] = [one.with_settings(roller_diameter_m=diameter) for one in recordings]
+            _read(recordings, mapped)
+            settings = replace(settings, roller_diameter_m=diameter)
+            return _hunting_frequency(recordings, settings, mapped, warnings)
+        warnings.append(
+            'no roller angle, and no line that follows the speed stands out: none is removed;'
+            ' roller_diameter_m (--set) gives it'
+        )
+    warnings += [line.words(roller) for line in forced]
+    return frequency, forced
 
 
 def _runs(

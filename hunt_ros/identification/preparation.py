@@ -37,7 +37,7 @@ from hunt_ros.identification.record.screening import (
 )
 from hunt_ros.identification.record.segments import Run, analyse_record, find_kicks
 from hunt_ros.identification.record.stops import ignoring, measuring
-from hunt_ros.identification.record.turning import has_encoder, with_angle
+from hunt_ros.identification.record.turning import with_angle
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import Record, Series
 from hunt_ros.sensors import saturated_from
@@ -87,19 +87,16 @@ class Recording:
         record = replace(record, channels={name: one.in_order() for name, one in record.items()})
         record, ignored = ignoring(record, self.number, settings)
         said: list[str] = []
-        refused, measures, assumed, turning = '', False, False, record
+        refused, measures, turning = '', False, record
         channels: list[Channels] = []
         try:
             record = measuring(record, said, saturated_from(settings, 'lateral'))
             measures = True
             turning = with_angle(record, settings)
-            told = has_encoder(record) or settings.roller_diameter_m > 0.0
-            assumed = has_encoder(turning) and not told
-            parts = moving(turning)
-            low, rate = settings.frequency_range_hz[0], parts[0].rate_hz
+            channels = moving(turning)
+            low, rate = settings.frequency_range_hz[0], channels[0].rate_hz
             few = f'{rate:.3g} samples a second are too few for a mode of {low:g} Hz'
-            refuse(rate < 4.0 * low, parts[0].source, few)
-            channels = [replace(one, assumed=assumed) for one in parts]
+            refuse(rate < 4.0 * low, channels[0].source, few)
         except IdentificationError as error:
             refused = str(error)
         digest = Digest(
@@ -114,9 +111,7 @@ class Recording:
             said=tuple(said),
             refused=refused,
             measures=measures,
-            turns_per_metre=turns_per_metre(
-                record if assumed else turning, settings.roller_diameter_m
-            ),
+            turns_per_metre=turns_per_metre(turning, settings.roller_diameter_m),
             speed_step=speed_step(record['speed']) if 'speed' in record else 0.0,
             stretches=tuple(map(Stretch.of, channels)),
         )
@@ -127,13 +122,6 @@ class Recording:
         """What is known of it without its samples."""
         return self.samples[-1]
 
-    def stretches(self, bare: bool) -> list[Channels]:
-        """Return the stretches in which the rig runs; `bare` without an angle nobody gave."""
-        _, _, channels, _ = self.samples
-        return [
-            replace(one, roller=np.zeros(0)) if bare and one.assumed else one for one in channels
-        ]
-
 
 @lru_cache(maxsize=4)
 def _held(given: bytes) -> Recording:
@@ -143,13 +131,12 @@ def _held(given: bytes) -> Recording:
 
 def motion_in(recording: Recording, stretch: int) -> Motion | None:
     """Return the displacement in one of its stretches, in which lines are looked for."""
-    channels = recording.stretches(bare=False)[stretch]
+    channels = recording.samples[2][stretch]
     return motion_of_channels(without_contact(channels, recording.settings))
 
 
 def runs_in(
     recording: Recording,
-    bare: bool,
     frequency_hz: float,
     clearance_m: float,
     fixed_hz: Sequence[float] = (),
@@ -161,8 +148,6 @@ def runs_in(
     ----------
     recording : Recording
         From which they are taken.
-    bare : bool
-        Whether an angle of the roller that nobody gave is left out.
     frequency_hz : float
         Of the hunting.
     clearance_m : float
@@ -179,8 +164,9 @@ def runs_in(
     settings = recording.settings
     runs: list[Run] = []
     said: list[str] = []
-    for channels in recording.stretches(bare):
-        channels = channels.with_yaw(recording.samples[1])
+    _, record, stretches, _ = recording.samples
+    for channels in stretches:
+        channels = channels.with_yaw(record)
         channels = replace(channels, source=recording.name or channels.source)
         seen, clean = tracked_envelope(channels, frequency_hz, settings, fixed_hz)
         envelope = free_of_contact(seen, clearance_m, said)

@@ -23,9 +23,7 @@ SOFT = replace(PAPER_NORMAL_FORM, D4=-2000.0, D10=0.0)
 def seen_in(*records):
     settings = IdentificationSettings()
     runs = [
-        run
-        for record in records
-        for run in runs_in(Recording(record, 1, settings), False, 2.835, 0.0)[0]
+        run for record in records for run in runs_in(Recording(record, 1, settings), 2.835, 0.0)[0]
     ]
     return bracket_of([run.seen for run in runs], [run.kicked for run in runs])
 

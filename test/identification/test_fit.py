@@ -28,7 +28,7 @@ SETTINGS = IdentificationSettings()
 
 def runs_of(records, settings) -> list[Run]:
     given = [Recording(record, k, settings) for k, record in enumerate(records, start=1)]
-    found = [runs_in(one, False, 2.835, 0.0) for one in given]
+    found = [runs_in(one, 2.835, 0.0) for one in given]
     return [run for runs, _ in found for run in runs]
 
 

@@ -31,8 +31,6 @@ class Channels:
         sample dropped out, roller empty without roller.
     rate_hz : float
         Sample rate by the median spacing.
-    assumed : bool
-        True where the roller's angle rests on a diameter that nobody gave.
     yaw : Channels or None
         The same on the time of its yaw samples, which are its `lateral`, rad.
     """
@@ -44,7 +42,6 @@ class Channels:
     speed: NDArray[np.float64]
     roller: NDArray[np.float64]
     rate_hz: float
-    assumed: bool = False
     yaw: Channels | None = None
 
     def part(self, place: slice) -> Channels:

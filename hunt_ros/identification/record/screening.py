@@ -61,18 +61,14 @@ class Stretch:
     duration_s : float
     swing : float
         Half the central 98 % of the lateral motion about its median, m.
-    speed, slow : float
-        Median and 5th percentile of the speed, m/s.
-    assumed : bool
-        Whether the roller's angle rests on a diameter that nobody gave.
+    speed : float
+        Its median, m/s.
     """
 
     source: str
     duration_s: float
     swing: float
     speed: float
-    slow: float
-    assumed: bool
 
     @classmethod
     def of(cls, channels: Channels) -> Stretch:
@@ -84,8 +80,6 @@ class Stretch:
             float(channels.time[-1] - channels.time[0]),
             0.5 * float(high - low),
             float(np.median(channels.speed)),
-            float(np.quantile(channels.speed, 0.05)),
-            channels.assumed,
         )
 
 

@@ -7,16 +7,13 @@ The one place where identification makes an angle. Everything behind it reads th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from hunt_ros.dynamics.parameters import RigParameters
-from hunt_ros.estimation.turning import ASSUMED_ABOVE, SPEED_STD, continuous
-from hunt_ros.identification.record.screening import Stretch
+from hunt_ros.estimation.turning import SPEED_STD, continuous
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import Record, Series
 
@@ -41,8 +38,8 @@ def with_angle(record: Record, settings: IdentificationSettings) -> Record:
     Give a record a continuous angle of the roller.
 
     With an encoder it is the encoder's, without its wrapping and its steps; without one it is
-    integrated from the speed and follows the phase of the known lines in the lateral channel,
-    since a tachometer is wrong by some parts in a thousand.
+    integrated from the speed, by the diameter of the roller, and follows the phase of the known
+    lines in the lateral channel, since a tachometer is wrong by some parts in a thousand.
 
     Parameters
     ----------
@@ -54,18 +51,21 @@ def with_angle(record: Record, settings: IdentificationSettings) -> Record:
     Returns
     -------
     Record
-        With the channel `roller`.
+        With the channel `roller`; without it where neither encoder nor diameter is known.
     """
-    if has_encoder(record):
-        return _with_roller(record, _encoded(record, settings.roller_diameter_m))
-    if not all(name in record and len(record[name]) > 10 for name in ('lateral', 'speed')):
+    diameter = settings.roller_diameter_m
+    if 'roller' in record and len(record['roller'].finite()) > 10:
+        return _with_roller(record, _encoded(record, diameter))
+    if not diameter or not all(
+        name in record and len(record[name]) > 10 for name in ('lateral', 'speed')
+    ):
         return record
     motion, told = record['lateral'], record['speed'].finite()
     if not len(told) or not len(motion.finite()) or not settings.orders.size:
         return record
     time, lateral = motion.seconds(), motion.values
     running = np.interp(time, told.seconds(int(motion.stamps_ns[0])), np.abs(told.values))
-    turning = running * 2.0 / (settings.roller_diameter_m or RigParameters.roller_diameter_m)
+    turning = running * 2.0 / diameter
     angle = np.concatenate([[0.0], np.cumsum(0.5 * (turning[1:] + turning[:-1]) * np.diff(time))])
     angle = follow_lines(time, lateral, angle, settings.orders)
     return _with_roller(record, Series(motion.stamps_ns, angle))
@@ -99,11 +99,6 @@ def _encoded(record: Record, diameter_m: float) -> Series:
 
 def _with_roller(record: Record, roller: Series) -> Record:
     return replace(record, channels={**record.channels, 'roller': roller})
-
-
-def has_encoder(record: Record) -> bool:
-    """Return True if a record tells the angle of the roller itself."""
-    return 'roller' in record and len(record['roller'].finite()) > 10
 
 
 def follow_lines(time: _F, values: _F, angle: _F, orders: _F) -> _F:
@@ -170,13 +165,3 @@ def follow_lines(time: _F, values: _F, angle: _F, orders: _F) -> _F:
 def _smooth(values: _F, width: float) -> _F:
     smooth: _F = gaussian_filter1d(values, width, mode='nearest')
     return smooth
-
-
-def lines_above(stretches: Sequence[Stretch], settings: IdentificationSettings, hz: float) -> bool:
-    """Return True where the lowest line is clear of the hunting in every assumed angle."""
-    lowest = min(settings.orders, default=np.inf)
-    for one in stretches:
-        turns = 0.5 * one.slow * 2.0 / RigParameters.roller_diameter_m
-        if one.assumed and lowest * turns / np.pi < ASSUMED_ABOVE * hz:
-            return False
-    return True

@@ -31,7 +31,7 @@ def quiet(**changes: Any) -> Record:
 
 def windows_of(record: Record, frequency_hz: float = 2.8) -> np.ndarray:
     """Return the ratio in all windows of a record."""
-    runs, _ = runs_in(Recording(record, 1, IdentificationSettings()), False, frequency_hz, 0.0)
+    runs, _ = runs_in(Recording(record, 1, IdentificationSettings()), frequency_hz, 0.0)
     return np.concatenate([np.zeros(0, RATIO), *(measured_ratio(run.seen) for run in runs)])
 
 
