@@ -99,9 +99,7 @@ def test_a_cluster_that_does_not_answer_is_named(readings):
 
 @pytest.mark.parametrize(('hours', 'chosen'), [(2.0, 12), (4.0, 6), (20.0, 2)])
 def test_lines_are_looked_for_in_no_more_than_a_machine_holds(hours, chosen):
-    stretches = [
-        Stretch(str(k), 300.0 * hours, 1e-4 * (k % 5), 7.0, 6.9, False) for k in range(12)
-    ]
+    stretches = [Stretch(str(k), 300.0 * hours, 1e-4 * (k % 5), 7.0) for k in range(12)]
     places = looked_at(stretches)
     assert len(places) == chosen
     assert places == sorted(places)
