@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import RegularGridInterpolator
 
 from hunt_ros.dynamics.limit_cycle import Branch
 from hunt_ros.dynamics.linear_stability import critical_speed, hunting_mode
@@ -29,6 +30,12 @@ def shape_of(rig: RigParameters, branch: Branch | None = None) -> ModeShape:
     table = fitted_shape(speed, amplitude, ratio, std, frequency, alike=0.0)
     assert table is not None
     return table
+
+
+def ratio_at(shape: ModeShape, speed: float, amplitude: float) -> complex:
+    """Yaw over lateral phasor, rad/m, as the tracker interpolates it."""
+    nodes = shape.speeds, shape.amplitudes
+    return complex(RegularGridInterpolator(nodes, shape.ratio)((speed, amplitude)))
 
 
 def cycle_ratio(branch: Branch, place: int) -> complex:

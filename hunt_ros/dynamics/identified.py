@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,6 @@ from hunt_ros.settings import checked, yaml_document
 #: Order of the identified parameters in `IdentifiedNormalForm.covariance`.
 PARAMETERS: tuple[str, ...] = ('v_c', *COEFFICIENTS)
 
-_FORM_FIELDS = ('critical_speed', *COEFFICIENTS)
 #: Units of the form, with defaults where a file does not give them.
 SCALES = ('length_scale', 'time_scale', 'frequency_hz')
 
@@ -66,16 +65,6 @@ class IdentifiedNormalForm:
     mode_shape: ModeShape | None = None
     sample: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 6)))
     rig_name: str = ''
-
-    def __post_init__(self) -> None:
-        covariance = np.asarray(self.covariance, dtype=np.float64)
-        if covariance.shape != (6, 6) or not np.isfinite(covariance).all():
-            raise ConfigError('normal form: covariance must be 6 x 6 finite numbers')
-        object.__setattr__(self, 'covariance', 0.5 * (covariance + covariance.T))
-        sample = np.asarray(self.sample, dtype=np.float64)
-        if sample.ndim != 2 or sample.shape[1] != 6 or not np.isfinite(sample).all():
-            raise ConfigError('normal form: draws must be n x 6 finite numbers')
-        object.__setattr__(self, 'sample', sample)
 
     @property
     def vector(self) -> NDArray[np.float64]:
@@ -132,18 +121,12 @@ class IdentifiedNormalForm:
         else:
             normal = generator.standard_normal((count, len(PARAMETERS)))
             rows = self.vector + normal @ covariance_root(self.covariance).T
-        forms = []
-        for row in rows:
-            if row[0] > 0.0:
-                forms.append(
-                    NormalForm(
-                        **dict(zip(_FORM_FIELDS, map(float, row), strict=True)),
-                        length_scale=self.form.length_scale,
-                        time_scale=self.form.time_scale,
-                        frequency_hz=self.form.frequency_hz,
-                    )
-                )
-        return forms
+        names = 'critical_speed', *COEFFICIENTS
+        return [
+            replace(self.form, **dict(zip(names, row, strict=True)))
+            for row in rows.tolist()
+            if row[0] > 0.0
+        ]
 
     def to_yaml(self) -> str:
         """
@@ -199,25 +182,36 @@ class IdentifiedNormalForm:
         ConfigError
             Naming the key that is missing or impossible.
         """
-        given: dict[str, float] = {}
-        for name in PARAMETERS + SCALES:
-            if name in group:
-                given[name] = checked(f'{source}: {name}', group[name])
-            elif name not in SCALES:
+        for name in PARAMETERS:
+            if name not in group:
                 raise ConfigError(f'{source}: {name} is missing, expected {", ".join(PARAMETERS)}')
+        given = {
+            name: checked(f'{source}: {name}', group[name])
+            for name in PARAMETERS + SCALES
+            if name in group
+        }
         try:
             form = NormalForm(critical_speed=given.pop('v_c'), **given)
         except ConfigError as error:
             raise ConfigError(f'{source}: {error}') from error
-        covariance = _unfold(group.get('covariance'), source)
-        sample = _rows(group.get('draws'), source)
+        triangle = numbers(group.get('covariance'), 'covariance', source, '21 numbers')
+        if triangle.size not in (0, 21):
+            raise ConfigError(f'{source}: covariance must be 21 numbers, got {triangle.size}')
+        covariance = np.zeros((6, 6))
+        covariance[np.tril_indices(6)] = triangle if triangle.size else 0.0
+        covariance += np.tril(covariance, -1).T
+        if np.any(np.diag(covariance) < 0.0):
+            raise ConfigError(f'{source}: covariance has a negative variance')
+        draws = numbers(group.get('draws'), 'draws', source, 'six numbers each')
+        if draws.size % 6:
+            raise ConfigError(f'{source}: draws must be six numbers each, got {draws.size} in all')
         provenance = group.get('provenance')
         # Remarks for people: whatever stands there never stops a detector.
         lines = provenance if isinstance(provenance, list | tuple) else ()
         parts = (str(line).partition(': ') for line in lines if line)
-        shape = ModeShape.from_parameters(group, source)
         remarks = {key: value for key, _, value in parts}
-        return cls(form, covariance, remarks, shape, sample, str(group.get('rig_name') or ''))
+        shape, rig = ModeShape.from_parameters(group, source), str(group.get('rig_name') or '')
+        return cls(form, covariance, remarks, shape, draws.reshape(-1, 6), rig)
 
     @property
     def recordings(self) -> tuple[str, ...]:
@@ -229,27 +223,6 @@ class IdentifiedNormalForm:
         """Return the standard deviation of one of `PARAMETERS`."""
         index = PARAMETERS.index(name)
         return math.sqrt(max(0.0, float(self.covariance[index, index])))
-
-
-def _unfold(triangle: object, source: str) -> NDArray[np.float64]:
-    """Return the covariance, shape (6, 6), of its lower triangle; zeros where there is none."""
-    entries = numbers(triangle, 'covariance', source, '21 numbers')
-    if entries.size not in (0, 21):
-        raise ConfigError(f'{source}: covariance must be 21 numbers, got {str(triangle)[:40]!r}')
-    lower = np.zeros((6, 6))
-    lower[np.tril_indices(6)] = entries if entries.size else 0.0
-    covariance: NDArray[np.float64] = lower + np.tril(lower, -1).T
-    if np.any(np.diag(covariance) < 0.0):
-        raise ConfigError(f'{source}: covariance has a negative variance')
-    return covariance
-
-
-def _rows(draws: object, source: str) -> NDArray[np.float64]:
-    """Return the sample, shape (n, 6), of its numbers; empty where there is none."""
-    entries = numbers(draws, 'draws', source, 'six numbers each')
-    if entries.size % len(PARAMETERS):
-        raise ConfigError(f'{source}: draws must be six numbers each, got {entries.size} in all')
-    return entries.reshape(-1, len(PARAMETERS))
 
 
 def _find_group(document: object, source: str) -> Mapping[str, Any]:

@@ -1,9 +1,9 @@
 """
 The hunting mode as the two sensors see it: yaw over lateral, by speed and amplitude.
 
-It is measured by `hunt_ros.estimation.response_windows`, made a table by `fitted_shape`, stands
-in the parameter file beside the normal form, and lets the
-tracker tell the lateral amplitude from the yaw sensor alone.
+It is measured by `identification.record.mode_ratio`, made a table by `fitted_shape`, stands in the
+parameter file beside the normal form, and lets the tracker tell the lateral amplitude from the
+yaw sensor alone.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,15 +22,16 @@ from hunt_ros.settings import checked
 
 _F = NDArray[np.float64]
 
-#: Keys of each table in a parameter file, all lists of numbers: real and imaginary part of a
-#: ratio, which is in rad/m.
-KEYS: Mapping[str, tuple[str, ...]] = {
-    'speeds': ('mode_speed',),
-    'amplitudes': ('mode_amplitude',),
-    'frequency_hz': ('mode_frequency_hz',),
-    'ratio': ('mode_ratio_real', 'mode_ratio_imag'),
-    'ratio_std': ('mode_ratio_std',),
-}
+#: Keys of the tables in a parameter file, all lists of numbers: real and imaginary part of the
+#: ratio are in rad/m.
+KEYS = (
+    'mode_speed',
+    'mode_amplitude',
+    'mode_frequency_hz',
+    'mode_ratio_real',
+    'mode_ratio_imag',
+    'mode_ratio_std',
+)
 #: Nodes of a table along speed and amplitude.
 _SPEEDS, _AMPLITUDES = 5, 9
 #: How far a table reaches beyond the values it is made from.
@@ -65,11 +66,6 @@ class ModeShape:
         Yaw phasor over lateral phasor, rad/m.
     ratio_std : ndarray, shape (n, m)
         Its relative standard deviation.
-
-    Raises
-    ------
-    ConfigError
-        For tables that do not fit together or hold impossible values.
     """
 
     speeds: _F
@@ -78,40 +74,11 @@ class ModeShape:
     ratio: NDArray[np.complex128]
     ratio_std: _F
 
-    def __post_init__(self) -> None:
-        n, m = self.speeds.size, self.amplitudes.size
-        shapes = {'amplitudes': (m,), 'ratio': (n, m), 'ratio_std': (n, m)}
-        for name in (one.name for one in fields(self)):
-            table, shape = getattr(self, name), shapes.get(name, (n,))
-            problem = ''
-            if table.shape != shape or not n or not m:
-                problem = f'is {table.shape}, expected {shape}'
-            elif not np.isfinite(table).all():
-                problem = 'must be finite numbers'
-            elif np.iscomplexobj(table):
-                pass
-            elif name in ('speeds', 'amplitudes') and np.any(np.diff(table) <= 0.0):
-                problem = 'must increase'
-            elif name == 'frequency_hz' and np.any(table <= 0.0):
-                problem = f'must be positive, got {table.min():g}'
-            elif name != 'speeds' and np.any(table < 0.0):
-                problem = f'must not be negative, got {table.min():g}'
-            if problem:
-                raise ConfigError(f'mode shape: {name} {problem}')
-
-    def at(self, speed: float, amplitude: float) -> complex:
-        """Yaw over lateral phasor, rad/m, at a speed (m/s) and lateral amplitude (m)."""
-        along = [complex(_between(amplitude, self.amplitudes, row)) for row in self.ratio]
-        return complex(_between(speed, self.speeds, np.array(along)))
-
     def to_parameters(self) -> dict[str, list[float]]:
         """Return the entries of the parameter file, `KEYS`: flat lists, speed by speed."""
-        group: dict[str, list[float]] = {}
-        for name, keys in KEYS.items():
-            table = getattr(self, name)
-            parts = zip(keys, (table.real, table.imag), strict=False)
-            group |= {key: part.ravel().tolist() for key, part in parts}
-        return group
+        ratio = self.ratio.real, self.ratio.imag
+        tables = self.speeds, self.amplitudes, self.frequency_hz, *ratio, self.ratio_std
+        return {key: table.ravel().tolist() for key, table in zip(KEYS, tables, strict=True)}
 
     @classmethod
     def from_parameters(cls, group: Mapping[str, Any], source: str) -> ModeShape | None:
@@ -128,33 +95,30 @@ class ModeShape:
         Returns
         -------
         ModeShape or None
-            None where the file holds no ratio.
+            None where the file holds none of them.
 
         Raises
         ------
         ConfigError
-            Naming the key that is missing or impossible.
+            For what is no list of numbers, and for lists that do not fit together.
         """
-        lists = {
-            key: numbers(group.get(key), key, source) for keys in KEYS.values() for key in keys
-        }
-        if not lists['mode_ratio_real'].size:
+        lists = [numbers(group.get(key), key, source) for key in KEYS]
+        speeds, amplitudes, frequency, real, imag, std = lists
+        grid = speeds.size, amplitudes.size
+        cells = grid[0] * grid[1]
+        if not any(one.size for one in lists):
             return None
-        tables: dict[str, Any] = {}
-        try:
-            for name, keys in KEYS.items():
-                for key in keys:
-                    if not lists[key].size:
-                        raise ConfigError(f'{key} is missing beside mode_ratio_real')
-                real, *imag = (lists[key] for key in keys)
-                tables[name] = real + 1j * imag[0] if imag else real
-            for name in ('ratio', 'ratio_std'):
-                tables[name] = tables[name].reshape(tables['speeds'].size, -1)
-            return cls(**tables)
-        except ConfigError as error:
-            raise ConfigError(f'{source}: {error}') from error
-        except ValueError as error:
-            raise ConfigError(f'{source}: lists of the mode shape differ in length') from error
+        if not cells or frequency.size != grid[0] or {one.size for one in lists[3:]} != {cells}:
+            sizes = ', '.join(f'{key} {one.size}' for key, one in zip(KEYS, lists, strict=True))
+            raise ConfigError(f'{source}: lists of the mode shape differ in length: {sizes}')
+        rising = (np.diff(speeds) > 0.0).all() and (np.diff(amplitudes) > 0.0).all()
+        if not (rising and (frequency > 0.0).all() and (std >= 0.0).all() and amplitudes[0] >= 0):
+            raise ConfigError(
+                f'{source}: mode shape: {KEYS[0]} and {KEYS[1]} must increase, no value but those'
+                ' of the ratio may be negative'
+            )
+        ratio = (real + 1j * imag).reshape(grid)
+        return cls(speeds, amplitudes, frequency, ratio, std.reshape(grid))
 
 
 def fitted_shape(
@@ -266,10 +230,6 @@ def _basis(e: _F, a: _F) -> _F:
     """Columns 1, e, e^2, A^2, e A^2, A^4, shape (k, 6)."""
     power = a * a
     return np.stack([np.ones_like(e), e, e * e, power, e * power, power * power], axis=1)
-
-
-def _between(x: float, nodes: _F, values: NDArray[np.complex128]) -> complex:
-    return complex(np.interp(x, nodes, values.real) + 1j * np.interp(x, nodes, values.imag))
 
 
 def numbers(values: object, name: str, source: str, expected: str = 'a list of numbers') -> _F:

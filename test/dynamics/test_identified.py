@@ -140,14 +140,6 @@ def test_any_text_that_is_no_parameter_file_is_a_config_error_in_one_line(text: 
     assert '\n' not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    'covariance', [np.zeros((5, 5)), np.full((6, 6), np.nan), np.zeros(36), 1.0]
-)
-def test_a_form_refuses_a_covariance_of_another_shape(covariance: Any) -> None:
-    with pytest.raises(ConfigError, match='6 x 6'):
-        IdentifiedNormalForm(PAPER_NORMAL_FORM, covariance)
-
-
 def test_draws_have_the_covariance_they_come_from() -> None:
     std = np.array([0.05, 0.004, 60.0, 0.02, 90.0, 1.0e6])
     correlation = np.eye(6)
