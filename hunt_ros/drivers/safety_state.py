@@ -27,7 +27,8 @@ class SafetyState:
     Parameters
     ----------
     emergency_stop, trip, disarmed, alarm : str
-        Why it is in force; '' where it is not.
+        Why it is in force; '' where it is not. Disarmed by a person: of the parameter `interlock`
+        the one that is given counts.
     forced_mps : float
         Set point of the stop or the trip.
     safe_mps : float

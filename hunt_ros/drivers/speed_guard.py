@@ -356,11 +356,12 @@ class SpeedGuard:
         """Return '' or what the file has to hold now."""
         with self.deciding:
             interlock, command, state = self.interlock, self.command, self.interlock.state
+            by_a_person = state == 'disarmed' and interlock.settings.interlock != 'off'
             self._kept = replace(
                 self._kept,
                 emergency_stop='asked for' if command.stopped else '',
                 trip=interlock.cause if state == 'tripped' else '',
-                disarmed=interlock.cause if state == 'disarmed' else '',
+                disarmed=interlock.cause if by_a_person else '',
                 forced_mps=command.forced_mps if command.forced else 0.0,
                 safe_mps=interlock.safe_speed_mps(),
                 running=running,

@@ -9,7 +9,7 @@ import pytest
 
 from hunt_ros.drivers.command import DriveLimits
 from hunt_ros.drivers.interlock import InterlockSettings
-from hunt_ros.drivers.safety_state import SafetyState
+from hunt_ros.drivers.safety_state import SafetyState, read
 from hunt_ros.drivers.speed_guard import SpeedGuard
 
 
@@ -41,6 +41,17 @@ def test_the_newest_counts_and_what_is_refused_is_not_what_the_drive_has() -> No
         assert guard.hand_over(drive) is None
     assert (drive.taken, guard.refused, guard.refusal) == ([4.0], 2, 'OSError: not now')
     assert guard.taken == (4.0, 2), 'what the drive has'
+
+
+@pytest.mark.parametrize(('mode', 'state'), [('off', 'armed'), ('protect', 'disarmed')])
+def test_who_was_disarmed_by_a_person_stays_so_and_not_by_a_parameter_of_before(
+    tmp_path, mode, state
+) -> None:
+    before = SpeedGuard(DriveLimits(), InterlockSettings(interlock=mode), 0.0, SafetyState())
+    before.arm(0, False)
+    (tmp_path / 'state').write_text(before.unsaved(running=False))
+    after = SpeedGuard(DriveLimits(), InterlockSettings(), 0.0, read(tmp_path / 'state'))
+    assert after.interlock.state == state
 
 
 @pytest.mark.parametrize('seed', range(20))
