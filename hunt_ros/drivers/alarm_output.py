@@ -10,8 +10,10 @@ import math
 import shlex
 import shutil
 import subprocess
+import threading
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
@@ -155,9 +157,6 @@ class AlarmOutput(ABC):
     def close(self) -> None:  # noqa: B027 - most hold nothing
         """Show nothing any more; raises DriverError where that fails."""
 
-    def let_go(self) -> None:  # noqa: B027 - most hold nothing
-        """Leave the line to others; what is shown stays."""
-
 
 class Command(AlarmOutput):
     """
@@ -238,7 +237,7 @@ class Relay(AlarmOutput):
 
     def __init__(self, bus: ModbusBus, coil: int, inverted: bool) -> None:
         self._bus, self._coil, self._inverted = bus, coil, inverted
-        self._link: ModbusLink | None = None
+        self._line = threading.Lock()
 
     def show(self, condition: Condition, cause: str) -> None:
         """Switch it; raises DriverError where it does not answer."""
@@ -250,28 +249,14 @@ class Relay(AlarmOutput):
 
     def close(self) -> None:
         """Switch it off."""
-        try:
-            self._write(False)
-        finally:
-            self.let_go()
-
-    def let_go(self) -> None:
-        """Close the line; the coil stays as it is."""
-        link, self._link = self._link, None
-        if link is not None:
-            link.close()
+        self._write(False)
 
     def _write(self, on: bool) -> None:
-        link = self._link or ModbusLink(self._bus)
-        try:
-            if self._link is None:
-                link.open()
+        """Have the line for this moment only: others may share it."""
+        link = ModbusLink(self._bus)
+        with self._line, closing(link):
+            link.open()
             link.write_coil(self._coil, on)
-            self._link = link
-        except BaseException:
-            link.close()
-            self._link = None
-            raise
 
 
 @dataclass(frozen=True)

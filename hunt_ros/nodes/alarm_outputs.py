@@ -11,7 +11,6 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future, wait
 from contextlib import suppress
 from datetime import datetime
 from functools import partial
@@ -19,7 +18,7 @@ from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
 
-from hunt_ros.drivers.alarm_output import AlarmSettings, Call, Condition
+from hunt_ros.drivers.alarm_output import AlarmOutput, AlarmSettings, Call, Condition
 from hunt_ros.errors import ConfigError, DriverError, one_line
 from hunt_ros.nodes.support.conversions import read_diagnostic
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
@@ -32,8 +31,8 @@ from hunt_ros.suite import Awaited
 _LOOK_S = 0.05
 #: What failed is tried again after this, after twice as long, and so on, s.
 _AGAIN_S, _AGAIN_MOST_S = 5.0, 60.0
-#: A test sounds, and holds a relay, for so long, s; it is given up after the second.
-_TEST_S, _TEST_MOST_S = 2.0, 60.0
+#: A test holds a relay for so long, s.
+_TEST_S = 2.0
 _TEST = 'test of the alarm, asked for by a person'
 
 
@@ -51,8 +50,7 @@ class AlarmOutputsNode(SuiteNode):
             raise ConfigError('alarm_outputs: none of sound, command and relay_coil is given')
         self._call = Call(self._config.silence_s, time.monotonic())
         self._problems: dict[str, str] = {}
-        #: Outputs that are being tested, and what came of it.
-        self._tests: dict[str, Future[str]] = {}
+        self._testing = False
         self._proof = Path(self._config.tested_file) if self._config.tested_file else None
         self._tested = 'never'
         if self._proof is not None and self._proof.exists():
@@ -72,8 +70,7 @@ class AlarmOutputsNode(SuiteNode):
         self._answers.close(0.0)
         for worker in self._workers:
             worker.stopping.set()
-        for changed in self._changed.values():
-            changed.set()
+        self._wake()
         for worker in self._workers:
             worker.stop()
 
@@ -93,29 +90,35 @@ class AlarmOutputsNode(SuiteNode):
         """Have every output show a condition that is new."""
         if self._call.look(time.monotonic()):
             self.get_logger().info(f'{self._call.condition.value}: {self._call.cause}')
-            for changed in self._changed.values():
-                changed.set()
+            self._wake()
+
+    def _wake(self) -> None:
+        for changed in self._changed.values():
+            changed.set()
 
     def _work(self, name: str, stopping: threading.Event) -> None:
         """Keep one output at the present condition; what fails is told, and tried again."""
         output, changed = self._outputs[name], self._changed[name]
         again_s = _AGAIN_S
         while not stopping.is_set():
-            if (test := self._tests.pop(name, None)) is not None:
-                test.set_result(self._try(name, partial(output.show, Condition.ALARM, _TEST)))
-                stopping.wait(_TEST_S)
-            shown = partial(output.show, self._call.condition, self._call.cause)
             silent = output.horn and self._call.acknowledged
-            failed = '' if silent else self._try(name, shown)
+            failed = '' if silent else self._try(name, self._show)
             changed.wait(again_s if failed else output.repeat_s)
             changed.clear()
             again_s = min(2.0 * again_s, _AGAIN_MOST_S) if failed else _AGAIN_S
-        self._try(name, output.close)
+        self._try(name, lambda output: output.close())
 
-    def _try(self, name: str, act: Callable[[], object]) -> str:
+    def _show(self, output: AlarmOutput) -> None:
+        """Show the present condition; where it calls nobody, a test that is under way."""
+        if self._testing and not self._call.condition.calls:
+            _show_test(output)
+        else:
+            output.show(self._call.condition, self._call.cause)
+
+    def _try(self, name: str, act: Callable[[AlarmOutput], object]) -> str:
         """Do what an output does; return '' or what failed, logged once and in the diagnostics."""
         try:
-            act()
+            act(self._outputs[name])
         except Exception as error:  # whatever a library of the hardware raises
             if name not in self._problems:
                 self.get_logger().error(f'{name}: {one_line(error)}')
@@ -128,17 +131,13 @@ class AlarmOutputsNode(SuiteNode):
         """Have every output call for a moment, as a status of the detector would."""
         if not self._call.heard(time.monotonic()):
             raise DriverError('the detector is not heard: an alarm of it would call nobody')
-        asked: dict[str, Future[str]] = {name: Future() for name in self._outputs}
-        self._tests |= asked
-        for changed in self._changed.values():
-            changed.set()
-        wait(asked.values(), _TEST_MOST_S)
-        said = {
-            name: test.result() if test.done() else f'no answer for {_TEST_MOST_S:g} s'
-            for name, test in asked.items()
-        }
-        if failed := '; '.join(f'{name}: {why}' for name, why in said.items() if why):
-            raise DriverError(failed)
+        self._testing = True
+        said = [f'{name}: {why}' for name in self._outputs if (why := self._try(name, _show_test))]
+        time.sleep(_TEST_S)
+        self._testing = False
+        self._wake()  # what they show again is how things stand
+        if said:
+            raise DriverError('; '.join(said))
         before, self._tested = self._tested, _as_clock(time.time())
         if self._proof is not None:
             with suppress(OSError):  # a full disk takes nothing from the test
@@ -160,6 +159,10 @@ class AlarmOutputsNode(SuiteNode):
             return Awaited('WARN'), self._call.cause, values
         words = f'{self._call.condition.value}; tested from detector to output: {self._tested}'
         return 'OK', words, values
+
+
+def _show_test(output: AlarmOutput) -> None:
+    output.show(Condition.ALARM, _TEST)
 
 
 def _as_clock(at_s: float) -> str:

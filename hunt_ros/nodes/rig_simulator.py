@@ -170,7 +170,7 @@ class RigSimulatorNode(SuiteNode):
         self._time_ns = 0
         self._origin_ns = _FIRST_STAMP_NS
         self._samples = 0
-        self._behind_s = 0.0
+        self._behind_s = 0.0  # real time
         self._pending_kicks: list[float] = []
         offer(self, 'simulator/kick', self._on_kick)
         self._diagnostics = Diagnostics(self, self._health)
@@ -189,27 +189,35 @@ class RigSimulatorNode(SuiteNode):
         rate = self._config.sample_rate_hz * self._config.time_scale
         pause_s = max(_BLOCK_S, 1.0 / rate)
         most_behind_s = max(_MOST_BEHIND_S / max(1.0, self._config.time_scale), 5.0 * pause_s)
+        real_time = self._clock_publisher is None
         self._rig.advance(0)  # compile before the clock starts
         while not stopping.is_set() and self._waits_for():
             self._server.poll()
             time.sleep(0.01)
-        begin = time.monotonic() + self._set_origin()
-        done, next_wake = 0, begin
+        if real_time:
+            # On whole readings of the drive, as a synchronised data acquisition samples.
+            now_ns = self.get_clock().now().nanoseconds
+            self._origin_ns = -(-now_ns // _DRIVE_STEP_NS) * _DRIVE_STEP_NS
+            time.sleep((self._origin_ns - now_ns) / NANOSECONDS)
+        before_s = next_wake = time.monotonic()
         while not stopping.is_set():
-            due = max(0, int((time.monotonic() - begin) * rate) - done)
-            self._behind_s = due / rate
+            passed_s = time.monotonic() - before_s
+            before_s += passed_s
+            self._behind_s += passed_s
             if self._behind_s > most_behind_s:
-                begin += self._let_go(self._behind_s)
-                continue
+                # Nobody runs after lost time: the stamps jump with it, as those of a stalled rig
+                # would; simulated time just stood still.
+                steps = int(self._behind_s * _DRIVE_HZ)
+                self._behind_s -= steps / _DRIVE_HZ
+                self._origin_ns += steps * _DRIVE_STEP_NS if real_time else 0
             target = self._server.poll()
             if target is not None:
                 self._rig.target_speed = target
             if self._pace is not None and self._pace.must_wait(self._time_ns):
-                time.sleep(pause_s)
-                begin = time.monotonic() - done / rate
-            elif due:
+                self._behind_s = 0.0  # real time
+            elif due := int(self._behind_s * rate):
                 self._advance(due)
-                done += due
+                self._behind_s -= due / rate
             next_wake = max(next_wake + pause_s, time.monotonic())
             time.sleep(max(0.0, next_wake - time.monotonic()))
 
@@ -221,32 +229,6 @@ class RigSimulatorNode(SuiteNode):
         if self._config.start_with_detector and self._pace is not None and not self._pace.heard:
             return 'the detector'
         return ''
-
-    def _set_origin(self) -> float:
-        """
-        Choose the first stamp; return how long to wait for it, s.
-
-        In real time it lies on whole readings of the drive, as a synchronised data
-        acquisition samples.
-        """
-        if self._clock_publisher is not None:
-            return 0.0
-        now_ns = self.get_clock().now().nanoseconds
-        self._origin_ns = -(-now_ns // _DRIVE_STEP_NS) * _DRIVE_STEP_NS
-        return (self._origin_ns - now_ns) / NANOSECONDS
-
-    def _let_go(self, lost_s: float) -> float:
-        """
-        Do not run after lost time: return how much is let go, in s of real time.
-
-        In real time the stamps jump with it, as those of a stalled rig would; simulated
-        time just stood still.
-        """
-        if self._clock_publisher is not None:
-            return lost_s
-        steps = int(lost_s * NANOSECONDS) // _DRIVE_STEP_NS
-        self._origin_ns += steps * _DRIVE_STEP_NS
-        return steps * _DRIVE_STEP_NS / NANOSECONDS
 
     def _advance(self, count: int) -> None:
         """Simulate so many samples, and send them to whoever is connected."""

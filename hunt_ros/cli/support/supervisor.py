@@ -284,8 +284,6 @@ class Supervisor:
             output.show(Condition.DOUBT, cause)
         except Exception as error:  # whatever a library of the hardware raises
             self._told.put(f'{name}: {error}')
-        finally:
-            output.let_go()
 
     def heard(self, node: str) -> None:
         """Take note that a node, with its full name, has told its health."""
@@ -302,12 +300,6 @@ class Supervisor:
         path = self.logs / f'{name}.log'
         lines = path.read_text(errors='replace').strip().splitlines() if path.exists() else []
         return lines[-1] if lines else f'(see {path})'
-
-    def stop(self, name: str) -> None:
-        """End one node, and wait for it."""
-        child = self._children.pop(name, None)
-        if child is not None:
-            _end([child])
 
     def wind_down(self, meanwhile: Callable[[], object] = lambda: time.sleep(0.1)) -> str:
         """

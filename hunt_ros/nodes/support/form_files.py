@@ -136,9 +136,8 @@ class FormFiles:
 
     def _numbered(self, stem: str) -> list[Path]:
         """Return the files with a number behind the stem, by number."""
-        found = {
-            path.stem.removeprefix(f'{stem}_'): path for path in self._directory.glob('*.yaml')
-        }
+        paths = self._directory.glob(f'{stem}_*.yaml')
+        found = {path.stem.removeprefix(f'{stem}_'): path for path in paths}
         return [found[number] for number in sorted(filter(str.isdecimal, found), key=int)]
 
     def _next(self, stem: str) -> Path:
