@@ -21,8 +21,10 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 import numpy as np
-from conftest import make_record, write_messages, write_rosbags
+from bags_made import make_record, write_messages, write_rosbags
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from hunt_ros.bag import Bag, read_record

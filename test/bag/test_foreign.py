@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from bags_made import BEGIN_NS, Peer, write_rosbags
 from mcap.reader import make_reader
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 
 from hunt_ros.bag import Bag, read_columns, read_record, write_record
 from hunt_ros.bag.bag_writer import quality_of_service
-from hunt_ros.bag.cdr.message_types import definition_text
 from hunt_ros.bag.inspection import inspect
 from hunt_ros.bag.record_writer import serialise
 from hunt_ros.bag.repair import repair
@@ -29,7 +29,6 @@ from hunt_ros.errors import BagError
 from hunt_ros.samples import Record, Series
 from hunt_ros.sensors import CHANNEL_FIELDS
 
-BEGIN_NS = 1_700_000_000_000_000_000
 JOINT_STATE = CHANNEL_FIELDS['lateral'][0]
 STORE = get_typestore(Stores.ROS2_JAZZY)
 CDR = b'\x00\x01\x00\x00'
@@ -62,33 +61,6 @@ def renamed(messages: list[bytes], name: str) -> list[bytes]:
         message.name = [name]
         found.append(bytes(STORE.serialize_cdr(message, JOINT_STATE)))
     return found
-
-
-class Peer:
-    """A file by the writer of the package mcap."""
-
-    def __init__(self, path: Path, **options) -> None:
-        self.path = path
-        self._file = path.open('wb')
-        self.writer = Writer(self._file, **options)
-        self.writer.start('ros2', 'another recorder')
-
-    def __enter__(self) -> Peer:
-        return self
-
-    def __exit__(self, *details) -> None:
-        self.writer.finish()
-        self._file.close()
-
-    def channel(self, topic: str, kind: str = JOINT_STATE, text: str | None = None, **more) -> int:
-        text = definition_text(kind)[0] if text is None else text
-        schema = self.writer.register_schema(kind, 'ros2msg', text.encode())
-        return self.writer.register_channel(topic, 'cdr', schema, more)
-
-    def add(self, channel: int, messages: list[bytes], step_ns: int = 10_000_000) -> None:
-        for row, message in enumerate(messages):
-            at = BEGIN_NS + row * step_ns
-            self.writer.add_message(channel, at, message, at + 17, row)
 
 
 @pytest.fixture
@@ -200,10 +172,10 @@ def test_a_repair_that_leaves_a_file_out_says_so_with_its_exit_code(tmp_path) ->
 
 
 @pytest.mark.parametrize('plugin', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
-def test_messages_compressed_one_by_one_need_no_description(by_rosbags, tmp_path, plugin) -> None:
+def test_messages_compressed_one_by_one_need_no_description(tmp_path, plugin) -> None:
     """A recorder that was killed leaves them without its metadata.yaml."""
     path = tmp_path / 'peer'
-    file = by_rosbags(path, counted(30), 8, plugin, CompressionMode.MESSAGE)
+    file = write_rosbags(path, counted(30), 8, plugin, CompressionMode.MESSAGE)
     (path / 'metadata.yaml').unlink()
     found = read_record(file)
     np.testing.assert_array_equal(found['lateral'].values, np.arange(30.0))
@@ -221,15 +193,7 @@ def test_messages_compressed_one_by_one_need_no_description(by_rosbags, tmp_path
 
 def test_a_topic_of_two_publishers_has_no_jump_of_the_clock(tmp_path) -> None:
     with Peer(tmp_path / 'a.mcap') as peer:
-        both = [
-            peer.writer.register_channel(
-                '/rig/lateral', 'cdr',
-                peer.writer.register_schema(JOINT_STATE, 'ros2msg',
-                                            definition_text(JOINT_STATE)[0].encode()),
-                {'publisher': str(number)},
-            )
-            for number in range(2)
-        ]  # fmt: skip
+        both = [peer.channel('/rig/lateral', publisher=str(number)) for number in range(2)]
         speed = peer.channel('/rig/speed', CHANNEL_FIELDS['speed'][0])
         rows = zip(joint_states(300), joint_states(300, 'speed'), strict=True)
         for row, (lateral, moving) in enumerate(rows):
@@ -291,15 +255,15 @@ def change(file: Path, *orders: str) -> None:
     base.close()
 
 
-def test_messages_of_an_sqlite_topic_that_is_gone_are_missed(by_rosbags, tmp_path) -> None:
-    file = by_rosbags(tmp_path / 'peer', counted(50))
+def test_messages_of_an_sqlite_topic_that_is_gone_are_missed(tmp_path) -> None:
+    file = write_rosbags(tmp_path / 'peer', counted(50))
     change(file, "DELETE FROM topics WHERE name = '/rig/speed'")
     assert any('50 messages' in text and 'described nowhere' in text for text in problems(file))
 
 
 @pytest.mark.parametrize('claimed', [5, 4000])
-def test_a_count_that_differs_from_the_description_is_told(by_rosbags, tmp_path, claimed) -> None:
-    file = by_rosbags(tmp_path / 'peer', counted(50))
+def test_a_count_that_differs_from_the_description_is_told(tmp_path, claimed) -> None:
+    file = write_rosbags(tmp_path / 'peer', counted(50))
     about = file.parent / 'metadata.yaml'
     about.write_text(about.read_text().replace('message_count: 100', f'message_count: {claimed}'))
     (problem,) = problems(file.parent)
@@ -419,10 +383,8 @@ def test_times_of_a_simulation_are_times(tmp_path) -> None:
     assert Record(record).duration_s > 1000.0
 
 
-def test_what_was_wrong_with_the_original_is_not_wrong_with_what_was_made_of_it(
-    by_rosbags, tmp_path
-) -> None:
-    file = by_rosbags(tmp_path / 'peer', counted(50))
+def test_what_was_wrong_with_the_original_is_not_wrong_with_what_was_made_of_it(tmp_path) -> None:
+    file = write_rosbags(tmp_path / 'peer', counted(50))
     change(file, 'UPDATE messages SET timestamp = -5 WHERE id = 7')
     record = read_record(file)
     assert sum(len(series) for series in record.values()) == 99

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bags_made import make_record, write_mcap, write_rosbags
 
 from hunt_ros.bag import BagWriter, read_record, write_record
 from hunt_ros.bag.inspection import inspect
@@ -20,8 +21,8 @@ from hunt_ros.sensors import CHANNEL_FIELDS
 
 
 @pytest.fixture(scope='module')
-def small(new_record, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_record(tmp_path_factory.mktemp('small') / 'run', new_record(seconds=2.0))
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_record(tmp_path_factory.mktemp('small') / 'run', make_record(seconds=2.0))
 
 
 def kinds(path: Path) -> list[tuple[str, float | None]]:
@@ -38,8 +39,8 @@ def test_a_sound_recording_has_no_problems(bag: Path, record: Record) -> None:
     assert found.to_json()['topics'][0]['name'] == '/rig/hunting/normal_form'
 
 
-def test_gap_stop_and_missing_channel_are_found_at_their_time(new_record, tmp_path: Path) -> None:
-    record = new_record(seconds=10.0)
+def test_gap_stop_and_missing_channel_are_found_at_their_time(tmp_path: Path) -> None:
+    record = make_record(seconds=10.0)
     begin = record.start_ns
     lateral, yaw = record['lateral'], record['yaw']
     keep = (lateral.stamps_ns < begin + 3e9) | (lateral.stamps_ns > begin + 3.5e9)
@@ -78,11 +79,9 @@ def test_events_at_any_time_are_no_gaps(tmp_path: Path) -> None:
     assert kinds(write_record(tmp_path / 'run', record)) == []
 
 
-def test_messages_that_a_file_without_an_index_has_lost_are_missed(
-    new_record, by_mcap, tmp_path
-) -> None:
+def test_messages_that_a_file_without_an_index_has_lost_are_missed(tmp_path) -> None:
     """Its statistics say how many there were."""
-    file = by_mcap(tmp_path / 'a.mcap', new_record(seconds=0.1), use_chunking=False)
+    file = write_mcap(tmp_path / 'a.mcap', make_record(seconds=0.1), use_chunking=False)
     whole = bytearray(file.read_bytes())
     layout = walk_file(whole)
     place = int(next(iter(layout.loose.values())).starts[7]) - MESSAGE_PREFIX
@@ -99,9 +98,9 @@ def test_messages_that_a_file_without_an_index_has_lost_are_missed(
     assert 'messages are in it' in problem.text
 
 
-def test_what_no_other_command_can_read_is_not_sound(small, by_rosbags, tmp_path) -> None:
+def test_what_no_other_command_can_read_is_not_sound(small, tmp_path) -> None:
     """A recording without checksums, sound as a file, whose message contradicts its type."""
-    file = by_rosbags(tmp_path / 'other', read_record(small))
+    file = write_rosbags(tmp_path / 'other', read_record(small))
     with closing(sqlite3.connect(file)) as base:
         base.execute('UPDATE messages SET data = substr(data, 1, 20) WHERE id = 9')
         base.commit()

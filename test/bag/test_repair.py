@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bags_made import make_record, write_messages, write_rosbags
 from rosbags.highlevel import AnyReader
 
 from hunt_ros.bag import Bag, BagWriter, read_record, write_record
@@ -24,9 +25,9 @@ def message_set(path: Path) -> set[tuple[str, int, bytes]]:
 
 
 @pytest.fixture(scope='module', params=['', 'lz4', 'zstd'])
-def small(request, new_record, by_message, tmp_path_factory) -> Path:
-    folder, record = tmp_path_factory.mktemp('small'), new_record(seconds=0.05)
-    return by_message(folder / 'run', record, compression=request.param, chunk_bytes=2000)
+def small(request, tmp_path_factory) -> Path:
+    folder, record = tmp_path_factory.mktemp('small'), make_record(seconds=0.05)
+    return write_messages(folder / 'run', record, compression=request.param, chunk_bytes=2000)
 
 
 def test_every_prefix_is_read_inspected_and_repaired(small: Path, tmp_path: Path) -> None:
@@ -102,10 +103,8 @@ def test_damage_to_a_length_loses_that_chunk_and_no_other(small: Path, tmp_path:
 
 
 @pytest.mark.parametrize('compression', ['', 'lz4', 'zstd'])
-def test_a_chunk_that_claims_8_eib_is_refused(
-    new_record, by_message, tmp_path: Path, compression
-) -> None:
-    path = by_message(tmp_path / 'run', new_record(seconds=0.05), compression=compression)
+def test_a_chunk_that_claims_8_eib_is_refused(tmp_path: Path, compression) -> None:
+    path = write_messages(tmp_path / 'run', make_record(seconds=0.05), compression=compression)
     (file,) = path.glob('*.mcap')
     with Bag(path) as bag:
         (chunk,) = bag.files[0].layout.chunks
@@ -135,9 +134,9 @@ def test_a_missing_index_is_made_good(small: Path, tmp_path: Path) -> None:
     assert {problem.kind for problem in inspect(file).problems} == {'bad_index'}
 
 
-def test_a_damaged_sqlite_bag_is_left_to_sqlite(new_record, by_rosbags, tmp_path: Path) -> None:
-    lateral = Record({'lateral': new_record(seconds=2.0)['lateral']})
-    file = by_rosbags(tmp_path / 'peer', lateral)
+def test_a_damaged_sqlite_bag_is_left_to_sqlite(tmp_path: Path) -> None:
+    lateral = Record({'lateral': make_record(seconds=2.0)['lateral']})
+    file = write_rosbags(tmp_path / 'peer', lateral)
     data = bytearray(file.read_bytes())
     middle = len(data) * 6 // 10 // 4096 * 4096
     data[middle : middle + 4096] = bytes(4096)
@@ -233,8 +232,8 @@ def test_a_folder_without_a_message_is_reported_and_kept(tmp_path: Path) -> None
     assert (tmp_path / 'run.active').exists()
 
 
-def test_unchunked_files_and_split_folders_are_repaired(new_record, tmp_path: Path) -> None:
-    record = new_record(seconds=0.2)
+def test_unchunked_files_and_split_folders_are_repaired(tmp_path: Path) -> None:
+    record = make_record(seconds=0.2)
     path = write_record(tmp_path / 'run', record)
     (file,) = path.glob('*.mcap')
     shutil.copy(file, path / 'run_1.mcap')

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from bags_made import assert_same, write_messages
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
@@ -17,10 +18,10 @@ from hunt_ros.samples import Record, Series
 
 
 @pytest.mark.parametrize('compression', ['', 'lz4', 'zstd'])
-def test_round_trip_is_exact(record, same, tmp_path: Path, compression: str) -> None:
+def test_round_trip_is_exact(record, tmp_path: Path, compression: str) -> None:
     path = write_record(tmp_path / 'run', record, compression=compression)
     again = read_record(path)
-    same(record, again)
+    assert_same(record, again)
     assert again.notes == record.notes
     assert not list(tmp_path.glob('*.active'))
 
@@ -89,8 +90,8 @@ def test_metadata_is_version_8_and_counts_what_is_there(bag: Path, record) -> No
     assert span == (record.start_ns, record.end_ns - record.start_ns)
 
 
-def test_message_by_message_is_the_same_as_in_rows(record, same, by_message, tmp_path) -> None:
-    same(record, read_record(by_message(tmp_path / 'run', record, chunk_bytes=5000)))
+def test_message_by_message_is_the_same_as_in_rows(record, tmp_path) -> None:
+    assert_same(record, read_record(write_messages(tmp_path / 'run', record, chunk_bytes=5000)))
 
 
 def test_nothing_stays_under_the_final_name_after_an_error(record, tmp_path: Path) -> None:

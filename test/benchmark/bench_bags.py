@@ -11,20 +11,20 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from runpy import run_path
 
 import numpy as np
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
-from tables import asked, markdown, publish
+
+from tables import asked, markdown, publish  # isort: skip
+from bags_made import write_rosbags  # isort: skip
 
 from hunt_ros.bag import read_columns, read_record, write_record
 from hunt_ros.samples import Record, Series
 
 BEGIN_NS = 1_700_000_000_000_000_000
 STORE = get_typestore(Stores.ROS2_JAZZY)
-write_rosbags = run_path(str(Path(__file__).parents[1] / 'bag' / 'conftest.py'))['write_rosbags']
 COLUMNS = ['a=/rig/lateral', 'b=/rig/yaw']
 
 

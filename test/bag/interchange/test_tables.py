@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bags_made import assert_same, make_record
 from made import FLUTTER
 from scipy.io import savemat
 
@@ -128,10 +129,10 @@ def test_csv_without_names_counts_its_columns(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('ending', ['csv', 'parquet', 'npz'])
-def test_export_and_import_is_the_identity(new_record, tmp_path: Path, ending: str, same) -> None:
+def test_export_and_import_is_the_identity(tmp_path: Path, ending: str) -> None:
     if ending == 'parquet':
         pytest.importorskip('pyarrow', reason='the extra parquet is not installed')
-    record = new_record(seconds=0.5)
+    record = make_record(seconds=0.5)
     values = record['yaw'].values.copy()
     values[7] = np.nan  # a sample that failed stays one
     record = Record({**record, 'yaw': Series(record['yaw'].stamps_ns, values)})
@@ -146,7 +147,7 @@ def test_export_and_import_is_the_identity(new_record, tmp_path: Path, ending: s
         assert np.isnan(table['lateral_m'][~there]).all()
         return
     again = read_record(import_file(tmp_path / f'out.{ending}', tmp_path / 'again'))
-    same(record, again)
+    assert_same(record, again)
 
 
 def test_any_field_is_exported_under_any_name(bag: Path, record, tmp_path: Path) -> None:
