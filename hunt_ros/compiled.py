@@ -95,8 +95,7 @@ def compiled(function: _Function) -> _Function:
     if not HAVE_COMPILER:
         return function
     kernel = _numba().njit(nogil=True)(function)
-    kernel._cache = _OnDisk(kernel)
-    kernel._compile_for_args = lambda *values: _implementation(kernel)
+    kernel._compile_for_args = lambda *values: kernel if _ready(kernel) else function
     KERNELS[f'{function.__module__}.{function.__qualname__}'] = kernel
     return cast(_Function, kernel)
 
@@ -190,7 +189,8 @@ def compile_all(processes: int | None = None) -> int:
     # Others, as those of tests, are no part of the package, and another process has them not.
     ours = {name: one for name, one in KERNELS.items() if name.startswith(f'{_NAME}.')}
     with _only_one():
-        missing = [name for name, kernel in ours.items() if not kernel._cache.found()]
+        files = {name: _file_of(kernel) for name, kernel in ours.items()}
+        missing = [name for name, file in files.items() if _find(file) is None]
         try:
             _write(f'all.{_TAG}.none.complete', b'')  # before minutes of work for nothing
         except OSError:
@@ -207,10 +207,11 @@ def compile_all(processes: int | None = None) -> int:
         else:
             for name in missing:
                 _compile_one(name)
-        names = [kernel._cache.name() for kernel in ours.values()]
-        _write(f'all.{_TAG}.{_sources()}.complete', '\n'.join(names).encode())
+        _write(f'all.{_TAG}.{_sources()}.complete', '\n'.join(files.values()).encode())
         for path in (_PACKAGE / 'machine_code').glob(f'{_NAME}.*.{_TAG}.*.code'):
-            if path.name not in names:  # of a kernel that is gone: a wheel would carry it on
+            if (
+                path.name not in files.values()
+            ):  # of a kernel that is gone: a wheel would carry it on
                 path.unlink(missing_ok=True)
     return len(missing)
 
@@ -224,7 +225,7 @@ def is_complete() -> bool:
 def load() -> None:
     """Load the machine code of every kernel that is imported, so that no first call waits."""
     for kernel in KERNELS.values():
-        _implementation(kernel)
+        _ready(kernel)
 
 
 def _compile_one(name: str) -> None:
@@ -235,77 +236,63 @@ def _compile_one(name: str) -> None:
     _ready(KERNELS[name])
 
 
-def _implementation(kernel: Any) -> Callable[..., Any]:
-    """Load or compile a kernel at its first call; return what the dispatcher is to call."""
-    if kernel._can_compile and not (_may_compile or kernel._cache.found()):
-        _say_interpreted(kernel)
-        return cast(Callable[..., Any], kernel.py_func)
-    _ready(kernel)
-    return cast(Callable[..., Any], kernel)
+def _ready(kernel: Any) -> bool:
+    """
+    Give a kernel its machine code, from disk or compiled; it takes no other signature.
 
-
-def _ready(kernel: Any) -> None:
-    """Give a kernel its signature, from disk or compiled; it takes no other."""
-    if kernel._can_compile:
-        kernel.compile(kernel._cache.signature())
+    Returns
+    -------
+    bool
+        False where none is on disk, or a damaged one, and this process must not compile.
+    """
+    function = kernel.py_func
+    lock: Any = import_module('numba.core.compiler_lock').global_compiler_lock
+    with lock:
+        if not kernel._can_compile:
+            return True
+        if (result := _kept(kernel)) is not None:
+            context = kernel.targetctx
+            context.insert_user_function(result.entry_point, result.fndesc, [result.library])
+            kernel.add_overload(result)
+        elif not _may_compile:
+            _say_interpreted(function.__qualname__)
+            return False
+        else:
+            _say(f'compiling {function.__name__}, once')
+            kernel.compile(signature := _signature(function))
+            dumps: Any = import_module('numba.core.serialize').dumps
+            try:
+                _write(_file_of(kernel), dumps(kernel.overloads[signature]._reduce()))
+            except OSError:
+                _say_unkept()
         kernel.disable_compile()
+    return True
+
+
+def _kept(kernel: Any) -> Any:
+    """Return the machine code of a kernel on disk, or None where it is not there or damaged."""
+    if path := _find(_file_of(kernel)):
+        rebuild: Any = import_module('numba.core.compiler').CompileResult._rebuild
+        kernel.targetctx.refresh()
+        try:
+            return rebuild(kernel.targetctx, *pickle.loads(path.read_bytes()))
+        except (OSError, EOFError, ValueError, pickle.UnpicklingError):
+            with suppress(OSError):
+                path.unlink()
+    return None
+
+
+def _file_of(kernel: Any) -> str:
+    """Return the name of its file, which changes with anything that the code hangs on."""
+    function = kernel.py_func
+    parts = (_source(function), repr(_signature(function)), _build())
+    stamp = hashlib.sha256('\n'.join(parts).encode()).hexdigest()[:24]
+    return f'{function.__module__}.{function.__qualname__}.{_TAG}.{stamp}.code'
 
 
 @cache
-def _say_interpreted(kernel: Any) -> None:
-    _say(
-        f'{kernel.py_func.__qualname__}{kernel._cache.signature()} is not compiled: it runs as'
-        ' plain Python (`hunt compile` compiles it)'
-    )
-
-
-class _OnDisk:
-    """The machine code of one kernel on disk, as numba's dispatcher asks for it."""
-
-    cache_path = ''
-
-    def __init__(self, kernel: Any) -> None:
-        self._kernel = kernel
-
-    def signature(self) -> Any:
-        """Return the types of the arguments, from the annotations."""
-        return _signature(self._kernel.py_func)
-
-    def name(self) -> str:
-        """Return the name of the file, which changes with anything that the code hangs on."""
-        function = self._kernel.py_func
-        parts = (_source(function), repr(self.signature()), _build())
-        stamp = hashlib.sha256('\n'.join(parts).encode()).hexdigest()[:24]
-        return f'{function.__module__}.{function.__qualname__}.{_TAG}.{stamp}.code'
-
-    def found(self) -> bool:
-        """Return True if the machine code is there."""
-        return _find(self.name()) is not None
-
-    def load_overload(self, signature: Any, target: Any) -> Any:
-        """Return the machine code, or None where it is not there or damaged."""
-        if signature != self.signature():
-            return None
-        rebuild: Any = import_module('numba.core.compiler').CompileResult._rebuild
-        target.refresh()
-        if path := _find(self.name()):
-            try:
-                return rebuild(target, *pickle.loads(path.read_bytes()))
-            except (OSError, EOFError, ValueError, pickle.UnpicklingError):
-                with suppress(OSError):
-                    path.unlink()
-        _say(f'compiling {self._kernel.py_func.__name__}, once')
-        return None
-
-    def save_overload(self, signature: Any, result: Any) -> None:
-        """Keep machine code; where nothing can be written a line says so once."""
-        dumps: Any = import_module('numba.core.serialize').dumps
-        if signature != self.signature():
-            return
-        try:
-            _write(self.name(), dumps(result._reduce()))
-        except OSError:
-            _say_unkept()
+def _say_interpreted(name: str) -> None:
+    _say(f'{name} is not compiled: it runs as plain Python (`hunt compile` compiles it)')
 
 
 @cache

@@ -175,10 +175,10 @@ def copy_of_the_package(to: Path) -> None:
     shutil.copytree(ROOT / 'hunt_ros', to / 'hunt_ros', ignore=without)
 
 
-def total(folder: Path, part: str = PART, **environment: str) -> list[str]:
+def total(folder: Path, part: str = PART, kernel: str = KERNEL, **environment: str) -> list[str]:
     """Write the kernel above and its part, run it, and return the lines that it prints."""
     (folder / 'part.py').write_text(part)
-    (folder / 'kernel.py').write_text(KERNEL)
+    (folder / 'kernel.py').write_text(kernel)
     cache = {'NUMBA_CACHE_DIR': str(folder / 'cache')}
     done = python(folder / 'kernel.py', **cache | environment)
     return done.stdout.splitlines() + done.stderr.splitlines()
@@ -200,6 +200,9 @@ def test_damaged_machine_code_is_made_anew(tmp_path) -> None:
     total(tmp_path)
     for path in (tmp_path / 'cache').rglob('*.code'):
         path.write_bytes(path.read_bytes()[:100])
+    live = 'import hunt_ros.compiled as c; c._may_compile = False\nprint(total'
+    assert total(tmp_path, kernel=KERNEL.replace('print(total', live)) == ['compiling', '4.0']
+    assert not list((tmp_path / 'cache').rglob('*.code')), 'no live process compiles'
     assert total(tmp_path) == ['compiling', '4.0']
     assert total(tmp_path) == ['4.0']
 
