@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import itertools
 import math
+from argparse import Namespace
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from multiprocessing import get_context
 from typing import Any
 from zlib import crc32
 
@@ -23,7 +23,7 @@ import numpy as np
 from detection_rigs import BENCHES, RATE_HZ, WAYS, Bench
 from made import dead
 from scipy.signal import butter, hilbert, sosfiltfilt
-from tables import asked, mapped, markdown, publish
+from tables import mapped, markdown, run
 
 from hunt_ros.criteria import CRITERIA, make_criterion
 from hunt_ros.detection import DetectorConfig, HuntingDetector, State, detect
@@ -484,14 +484,12 @@ def cycles(work: Work, scale: float) -> list[list[object]]:
     return rows
 
 
-def main() -> None:
-    """Measure, print and publish."""
-    found = asked(__doc__, scale=(1.0, 0.001))
-    with ProcessPoolExecutor(found.jobs, mp_context=get_context('spawn')) as pool:
-        work = partial(mapped, pool)
-        rows, limit = quiet_running(work, found.scale)
-        more, tables = kicks(work, found.scale, limit)
-        rows += [*more, *cycles(work, found.scale)]
+def measured(found: Namespace, pool: Executor) -> str:
+    """Return all tables."""
+    work = partial(mapped, pool)
+    rows, limit = quiet_running(work, found.scale)
+    more, tables = kicks(work, found.scale, limit)
+    rows += [*more, *cycles(work, found.scale)]
     text = (
         f'Scale {found.scale:g}. Sensors at 500 Hz, 5 um and 20 urad of noise. Kicks in y, dy/dt,'
         ' psi and dpsi/dt in turn, without and with 20 um of roughness, each in units of the kick'
@@ -500,10 +498,9 @@ def main() -> None:
         ' wheelsets which go on from the same motion under other noise.\n\n'
         + markdown(['goal', 'wanted', 'measured', 'met'], rows)
     )
-    text = '\n\n'.join([text, *tables])
-    title = 'The detector against the railway criteria'
-    publish('bench-detection', title, text, found.publish)
+    return '\n\n'.join([text, *tables])
 
 
 if __name__ == '__main__':
-    main()
+    title = 'The detector against the railway criteria'
+    run(__doc__, 'bench-detection', title, measured, scale=(1.0, 0.001))

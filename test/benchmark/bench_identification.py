@@ -8,10 +8,10 @@ real rig, and how often the intervals hold. Progress goes to stderr.
 from __future__ import annotations
 
 import time
+from argparse import Namespace
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import replace
-from multiprocessing import get_context
 from pathlib import Path
 from runpy import run_path
 
@@ -19,7 +19,7 @@ import numpy as np
 from identification_rigs import flutter, others
 from made import up_and_down
 from scipy import stats
-from tables import asked, mapped, markdown, publish
+from tables import mapped, markdown, run
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
@@ -83,7 +83,7 @@ def staircase(task: tuple[int, float, float]) -> list[float]:
     ]
 
 
-def coverage(count: int, pool: ProcessPoolExecutor) -> str:
+def coverage(count: int, pool: Executor) -> str:
     """Return the table of how often the intervals hold the truth, and of the lack of fit."""
     rows: list[list[object]] = []
     probabilities: list[float] = []
@@ -118,7 +118,7 @@ def uniform(probabilities: Sequence[float]) -> str:
     )
 
 
-def full_model(count: int, pool: ProcessPoolExecutor) -> str:
+def full_model(count: int, pool: Executor) -> str:
     """Return the table of staircases of the full model, a column for each forcing."""
     columns = []
     for broadband, roughness in STAIRCASES:
@@ -179,7 +179,7 @@ def of_hour(seed: int) -> tuple[float, Identification]:
     return time.process_time() - begin, replace(result, records=(), envelopes=(), segments=())
 
 
-def hours(count: int, pool: ProcessPoolExecutor) -> str:
+def hours(count: int, pool: Executor) -> str:
     """Return how long an hour of three channels at 1 kHz takes, and how often intervals hold."""
     list(pool.map(warm, range(4)))
     done = mapped(pool, 'hours', of_hour, range(1, count + 1))
@@ -234,21 +234,11 @@ def scaled(number: Uncertain | None, by: float) -> Uncertain | None:
     return Uncertain(by * number.value, by * number.std, by * number.low, by * number.high)
 
 
-def main() -> None:
-    """Measure, print and publish."""
-    arguments = asked(__doc__, seeds=(20, 1), coverage=(200, 2))
+def measured(arguments: Namespace, pool: Executor) -> str:
+    """Return all tables."""
     count = arguments.seeds
-    with ProcessPoolExecutor(arguments.jobs, mp_context=get_context('spawn')) as pool:
-        parts = [
-            full_model(count, pool),
-            others(count, pool),
-            hours(count, pool),
-            flutter(),
-            coverage(arguments.coverage, pool),
-            FALLS_SHORT,
-        ]
-    text = '\n\n'.join(parts)
-    publish('bench-identification', 'Identification', text, arguments.publish)
+    parts = [full_model(count, pool), others(count, pool), hours(count, pool), flutter()]
+    return '\n\n'.join([*parts, coverage(arguments.coverage, pool), FALLS_SHORT])
 
 
 FALLS_SHORT = (
@@ -263,4 +253,5 @@ FALLS_SHORT = (
 
 
 if __name__ == '__main__':
-    main()
+    numbers = {'seeds': (20, 1), 'coverage': (200, 2)}
+    run(__doc__, 'bench-identification', 'Identification', measured, **numbers)

@@ -20,6 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterable
+from operator import truediv
 from pathlib import Path
 from typing import Any
 
@@ -217,7 +218,7 @@ def cold_start() -> float:
             del os.environ['NUMBA_CACHE_DIR']
 
 
-def measure(rate_hz: float, seconds: float, one_process: bool = False) -> dict[str, object]:
+def measure(rate_hz: float, seconds: float, one_process: bool = False) -> dict[str, Any]:
     """Run the suite at one rate, each node in a process of its own or not; return the figures."""
     port = suite.free_port()
     rate: dict[str, object] = {'sample_rate_hz': rate_hz, 'port': port}
@@ -272,55 +273,39 @@ def measure(rate_hz: float, seconds: float, one_process: bool = False) -> dict[s
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--seconds', type=float, default=60.0)
-    parser.add_argument('--rates', type=float, nargs='+', default=RATES_HZ)
     parser.add_argument('--twin', type=json.loads, help=argparse.SUPPRESS)
     parser.add_argument('--cold', action='store_true', help='time a start that compiles, too')
     parser.add_argument('--dry', action='store_true', help='print the table, and keep docs as is')
     arguments = parser.parse_args()
     if arguments.twin:
         be_twin(arguments.twin)
-    seconds = arguments.seconds
-    results = {rate: measure(rate, seconds) for rate in arguments.rates}
-    together = {rate: measure(rate, seconds, one_process=True) for rate in arguments.rates}
-    header = ['', *(f'{rate:.0f} Hz' for rate in results)]
-    rows: list[list[object]] = []
+    seconds, header, rows = arguments.seconds, ['', *(f'{rate:.0f} Hz' for rate in RATES_HZ)], []
+
+    def row(label: str, numbers: Iterable[float], digits: int = 1) -> None:
+        """Add a row, a number for each rate."""
+        rows.append([label, *(round(number, digits) for number in numbers)])
+
+    several, shared = ([measure(rate, seconds, one) for rate in RATES_HZ] for one in (False, True))
     for name in ORDER:
-        rows.append(
-            [f'{name}, % of a core'] + [round(r['cpu'][name], 1) for r in results.values()]
+        row(f'{name}, % of a core', (r['cpu'][name] for r in several))
+        row(
+            '... over a bare process',
+            (r['cpu'][name] / max(r['twin'][name], 0.1) for r in several),
         )
-        rows.append(
-            ['... over a bare process']
-            + [round(r['cpu'][name] / max(r['twin'][name], 0.1), 1) for r in results.values()]
-        )
-    totals = [round(sum(r['cpu'].values()), 1) for r in results.values()]
-    rows.append(['**seven nodes, % of a core**', *totals])
-    bare = [max(sum(r['twin'].values()), 0.1) for r in results.values()]
-    rows.append(['... over seven bare processes'])
-    rows[-1] += [round(total / twin, 2) for total, twin in zip(totals, bare, strict=True)]
-    shared = [sum(r['cpu'].values()) for r in together.values()]
-    rows.append(['**one process, % of a core**', *(round(cpu, 1) for cpu in shared)])
-    rows.append(['... over seven bare processes'])
-    rows[-1] += [round(cpu / twin, 2) for cpu, twin in zip(shared, bare, strict=True)]
-    for k, what in enumerate(('median', '99 %', 'worst')):
-        rows.append(
-            [f'latency {what}, ms'] + [round(r['latency'][k], 1) for r in results.values()]
-        )
+    bare = [max(sum(r['twin'].values()), 0.1) for r in several]
+    for label, runs in (('seven nodes', several), ('one process', shared)):
+        totals = [sum(r['cpu'].values()) for r in runs]
+        row(f'**{label}, % of a core**', totals)
+        row('... over seven bare processes', map(truediv, totals, bare), 2)
+        row(f'memory (PSS), {label}, MB', (sum(r['memory'].values()) for r in runs), 0)
+        row(f'warm start, {label}, s', (r['start'] for r in runs))
+        for k, what in enumerate(('median', '99 %', 'worst')):
+            row(f'latency {what}, {label}, ms', (r['latency'][k] for r in runs))
     for who in LOSSES:
-        rows.append([f'lost, {who}'] + [r['lost'][who] for r in results.values()])
-    memory = [round(sum(r['memory'].values())) for r in results.values()]
-    rows.append(['memory (PSS), seven nodes, MB', *memory])
-    memory = [round(sum(r['memory'].values())) for r in together.values()]
-    rows.append(['memory (PSS), one process, MB', *memory])
-    for k, what in enumerate(('median', '99 %', 'worst')):
-        rows.append(
-            [f'latency {what}, one process, ms']
-            + [round(r['latency'][k], 1) for r in together.values()]
-        )
-    rows.append(['warm start, seven nodes, s', *(round(r['start'], 1) for r in results.values())])
-    rows.append(['warm start, one process, s', *(round(r['start'], 1) for r in together.values())])
+        row(f'lost, {who}', (r['lost'][who] for r in several), 0)
     if arguments.cold:
         rows.append(['cold start, seven nodes, s', round(cold_start(), 1)])
-        rows[-1] += [''] * (len(results) - 1)
+        rows[-1] += [''] * (len(RATES_HZ) - 1)
     text = (
         f'Sensors at the rate of the column, speed and roller at 100 Hz, estimates at 100 Hz;'
         f' {seconds:.0f} s each. A bare process publishes and receives the same messages with'

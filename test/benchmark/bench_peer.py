@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import time
 import warnings
+from argparse import Namespace
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor
 from importlib.util import find_spec
-from multiprocessing import get_context
 from pathlib import Path
 from runpy import run_path
 
 import numpy as np
 from scipy.signal import butter, hilbert, sosfiltfilt
-from tables import asked, mapped, markdown, publish
+from tables import mapped, markdown, run
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.identification import IdentificationSettings, identify
@@ -122,8 +122,9 @@ def trial(task: tuple[int, float, float, bool]) -> dict[str, tuple[np.ndarray, f
     return results
 
 
-def comparison(count: int, pool: ProcessPoolExecutor) -> str:
+def comparison(arguments: Namespace, pool: Executor) -> str:
     """Return the tables against pysindy."""
+    count = arguments.seeds
     peers = find_spec('pysindy') is not None
     text = []
     truth = numbers(PAPER_NORMAL_FORM)
@@ -154,16 +155,7 @@ def comparison(count: int, pool: ProcessPoolExecutor) -> str:
             f' of the true value over {count} realisations:\n\n'
             + markdown(['method', 'error', *NAMES, 'time (s)'], rows)
         )
-    return '\n\n'.join(text)
-
-
-def main() -> None:
-    """Measure, print and publish."""
-    arguments = asked(__doc__, seeds=(20, 3))
-    with ProcessPoolExecutor(arguments.jobs, mp_context=get_context('spawn')) as pool:
-        text = comparison(arguments.seeds, pool)
-    title = 'Identification beside its peer'
-    publish('bench-peer', title, f'{text}\n\n{HOW}', arguments.publish)
+    return '\n\n'.join([*text, HOW])
 
 
 HOW = (
@@ -175,4 +167,4 @@ HOW = (
 
 
 if __name__ == '__main__':
-    main()
+    run(__doc__, 'bench-peer', 'Identification beside its peer', comparison, seeds=(20, 3))

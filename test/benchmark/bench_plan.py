@@ -12,16 +12,16 @@ from __future__ import annotations
 import math
 import sys
 import warnings
+from argparse import Namespace
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
-from multiprocessing import get_context
 from pathlib import Path
 from runpy import run_path
 
 import numpy as np
 from detection_rigs import BENCHES
-from tables import asked, mapped, markdown, publish
+from tables import mapped, markdown, run
 
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.dynamics.profile import Motion, Profile, Scene
@@ -192,18 +192,15 @@ def row(label: str, found: list[np.ndarray], true: np.ndarray) -> list[object]:
     return cells
 
 
-def main() -> None:
-    """Measure, print and publish."""
-    arguments = asked(__doc__, seeds=(20, 2))
+def measured(arguments: Namespace, pool: Executor) -> str:
+    """Return the table."""
     count = arguments.seeds
-    rig = paper_rig()
-    tasks = [(seed, rig) for seed in range(count)]
-    with ProcessPoolExecutor(arguments.jobs, mp_context=get_context('spawn')) as pool:
-        ways = {
-            name: mapped(pool, name, work, tasks)
-            for name, work in (('planned', planned), ('staircase', staircase))
-        }
-        reacted = mapped(pool, 'see-saw', reacting, tasks)
+    tasks = [(seed, paper_rig()) for seed in range(count)]
+    ways = {
+        name: mapped(pool, name, work, tasks)
+        for name, work in (('planned', planned), ('staircase', staircase))
+    }
+    reacted = mapped(pool, 'see-saw', reacting, tasks)
     bench = BENCHES['paper']
     unstable = [1e6 * bench.unstable(speed) for speed in AT]
     true = np.array([bench.branch.nonlinear_critical_speed, bench.v_c, *unstable])
@@ -216,14 +213,13 @@ def main() -> None:
     lasted_s = np.mean([seconds for seconds, _ in reacted])
     rows.append(row(f'see-saw, {lasted_s:.0f} s', [one for _, one in reacted], true))
     rows.append(['truth', '', *(f'{value:.4g}' for value in true)])
-    text = (
+    return (
         'Full model with roughness 30 um, forcing 8e-6, noise 5 um; rms error / rms of the stated'
         f' deviation (within two deviations), {count} seeds. Goal: the accuracy of the whole'
         ' staircase (about 740 s) in a third of its time, A_u better than it ever is, deviations'
         ' honest (19 of 20 within two).\n\n' + markdown(['', 'answers', *NAMES], rows)
     )
-    publish('bench-plan', 'What to measure next', text, arguments.publish)
 
 
 if __name__ == '__main__':
-    main()
+    run(__doc__, 'bench-plan', 'What to measure next', measured, seeds=(20, 2))

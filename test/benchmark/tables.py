@@ -12,7 +12,8 @@ import os
 import platform
 import sys
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import TypeVar
 
@@ -54,6 +55,31 @@ def asked(doc: str, /, **numbers: tuple[float, float]) -> argparse.Namespace:
         whole &= getattr(found, name) >= full
     found.publish |= whole and not found.fast
     return found
+
+
+def run(
+    doc: str,
+    name: str,
+    title: str,
+    work: Callable[[argparse.Namespace, Executor], str],
+    **numbers: tuple[float, float],
+) -> None:
+    """
+    Measure, print and publish.
+
+    Parameters
+    ----------
+    doc, numbers
+        See `asked`.
+    name, title : str
+        See `publish`.
+    work : callable
+        From what is asked for, and processes to do it in, to Markdown.
+    """
+    arguments = asked(doc, **numbers)
+    with ProcessPoolExecutor(arguments.jobs, mp_context=get_context('spawn')) as pool:
+        text = work(arguments, pool)
+    publish(name, title, text, arguments.publish)
 
 
 def mapped(pool: Executor, label: str, work: Callable[[_T], _R], tasks: Sequence[_T]) -> list[_R]:
