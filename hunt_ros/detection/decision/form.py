@@ -10,15 +10,11 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from hunt_ros.compiled import F1, compiled_part
-from hunt_ros.detection.decision.outlook import chance_beyond, drawn
+from hunt_ros.compiled import compiled_part
+from hunt_ros.detection.decision.outlook import chance_beyond
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.samples import NORMAL_95
 
-#: Draws of the form for the branches, and the speeds at which they are tabulated.
-_DRAWS, _SPEEDS = 200, 300
 #: Horizon of the outlook: the next minute, as its name says; on the clock, not in periods.
 _OUTLOOK_S = 60.0
 #: The time to the limit cycle is that to this part of the stable amplitude,
@@ -37,9 +33,7 @@ class FormNumbers(NamedTuple):
     """
     A normal form as a kernel reads it, as in `NormalForm`; NaN throughout where there is none.
 
-    `fold_amplitude` is that of the limit cycle at v_n, m, NaN where there is no fold;
-    `unstable_std` and `unstable_mean` are standard deviation and mean over the draws of the
-    unstable amplitude, m, at speeds from `speed_low` on that are `speed_step` apart, m/s.
+    `fold_amplitude` is that of the limit cycle at v_n, m, NaN where there is no fold.
     """
 
     known: bool
@@ -53,40 +47,16 @@ class FormNumbers(NamedTuple):
     time_scale: float
     frequency_hz: float
     fold_amplitude: float
-    speed_low: float
-    speed_step: float
-    unstable_std: F1
-    unstable_mean: F1
 
 
 def form_numbers(identified: IdentifiedNormalForm | None) -> FormNumbers:
-    """Prepare a normal form: branches of draws from its covariance, tabulated by speed."""
+    """Prepare a normal form."""
     if identified is None:
-        none = np.full(2, math.nan)
-        return FormNumbers._make([False, *[math.nan] * 10, 0.0, 1.0, none, none])
+        return FormNumbers._make([False, *[math.nan] * 10])
     form = identified.form
-    speeds = np.linspace(0.3, 1.7, _SPEEDS) * form.critical_speed
-    with np.errstate(all='ignore'):
-        unstable = np.array(
-            [draw.unstable_amplitude(speeds) for draw in drawn(identified, _DRAWS)]
-        )
-    exists = np.isfinite(unstable)
-    count = np.maximum(exists.sum(axis=0), 1)
-    mean = np.where(exists, unstable, 0.0).sum(axis=0) / count
-    spread = np.where(exists, unstable - mean, 0.0)
-    mean[~exists.any(axis=0)] = math.nan
     fold = form.saddle_node()
-    return FormNumbers._make(
-        [
-            True,
-            *(getattr(form, name) for name in FormNumbers._fields[1:10]),
-            math.nan if fold is None else fold[1],
-            float(speeds[0]),
-            float(speeds[1] - speeds[0]),
-            np.sqrt((spread**2).sum(axis=0) / count),
-            mean,
-        ]
-    )
+    known = (getattr(form, name) for name in FormNumbers._fields[1:10])
+    return FormNumbers._make([True, *known, math.nan if fold is None else fold[1]])
 
 
 @compiled_part
@@ -141,14 +111,13 @@ def predict(form: FormNumbers, outlook: Any, v: float, a: float, s: float, out: 
     """
     if not form.known or math.isnan(v):
         return
-    damping = _branches(form, v, out['lateral_roughness'], out)
+    damping = _branches(form, v, out['lateral_roughness'], outlook['unstable_std'], out)
     if math.isnan(a):
         return
     edge, spread = out['unstable_amplitude'], out['unstable_amplitude_std']
     folded = math.isnan(edge) and damping < 0.0
     if folded:  # below the fold of the form, but not of all its draws
-        k, _ = _place(form, v)
-        edge, spread = form.unstable_mean[k], form.unstable_std[k]
+        edge, spread = outlook['unstable_mean'], outlook['unstable_std']
     if not math.isnan(edge):
         out['margin'] = edge / a if a > 0.0 else math.inf
         most, least = a + NORMAL_95 * s, a - NORMAL_95 * s
@@ -166,9 +135,11 @@ def predict(form: FormNumbers, outlook: Any, v: float, a: float, s: float, out: 
 
 
 @compiled_part
-def _branches(form: FormNumbers, v: float, roughness: float, out: Any) -> float:
+def _branches(form: FormNumbers, v: float, roughness: float, spread: float, out: Any) -> float:
     """
     Fill in the branches at a speed, Eq. (28), under a roughness line of amplitude B, m.
+
+    `spread` is the standard deviation of the unstable one, m.
 
     Returns
     -------
@@ -198,24 +169,12 @@ def _branches(form: FormNumbers, v: float, roughness: float, out: Any) -> float:
                 out['stable_amplitude'] = value
     plain = out['unstable_amplitude']
     if not math.isnan(plain):
-        k, part = _place(form, v)
-        low, high = form.unstable_std[k], form.unstable_std[k + 1]
-        spread = low + part * (high - low)
         if roughness > 0.0:
             # Roughness of amplitude B acts on the mean of the cubic term: A^2 -> A^2 + 2 B^2.
             lowered = math.sqrt(max(plain**2 - 2.0 * roughness**2, 0.01 * plain**2))
-            spread *= lowered / plain
             out['unstable_amplitude'] = lowered
         out['unstable_amplitude_std'] = spread
     return c / form.time_scale
-
-
-@compiled_part
-def _place(form: FormNumbers, v: float) -> tuple[int, float]:
-    """Cell of the tables in which a speed lies, and how far along it."""
-    place = (v - form.speed_low) / form.speed_step
-    k = min(max(int(place), 0), form.unstable_std.size - 2)
-    return k, min(max(place - k, 0.0), 1.0)
 
 
 @compiled_part

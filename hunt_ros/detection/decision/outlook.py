@@ -32,17 +32,16 @@ from hunt_ros.dynamics.normal_form import NormalForm, steady_radii
 
 _F = NDArray[np.float64]
 
-#: Draws of the form.
-_PATHS = 64
+#: Draws of the form; those of its branches alone, which cost little.
+_PATHS, _DRAWS = 64, 200
 #: Quantiles of the deciding amplitude that are kept.
 QUANTILES = 64
 #: Amplitudes at which the committor is computed, from this part of the limit cycle on.
 _AMPLITUDES, _LEAST = 384, 1e-3
-#: Spacing of the speeds of the table, and a change that asks for another outlook, relative to v_c.
-_SPEED_CELL, _SPEED_STEP = 0.005, 0.0025
-#: Width of the cells of the spread of the noise intensity, and of the logarithms of this, of the
-#: quiet amplitude and of the roughness, in which an outlook is taken as constant.
-_CELL = 0.1
+#: Width of the cells in which an outlook is taken as constant: of the speed, relative to v_c; of
+#: the spread of the noise intensity, and of the logarithms of this, of the quiet amplitude and of
+#: the roughness.
+_SPEED_CELL, _CELL = 0.0025, 0.1
 #: Where no noise is known it is this much, m^2/s: the edge is sharp.
 _NO_NOISE = 1e-18
 #: A limit cycle stands this many standard deviations of its amplitude clear of what is quiet.
@@ -63,7 +62,8 @@ _SETTLED = 4.0
 
 #: What the kernel of the decisions reads: quantiles of the amplitude at which the outcome is
 #: decided (m; inf: nowhere), and of those of the draws that escape latest and earliest; escapes
-#: from the quiet state per second; the share of the draws that have a quiet state.
+#: from the quiet state per second; the share of the draws that have a quiet state; mean and
+#: standard deviation over the draws of the unstable amplitude, m.
 OUTLOOK: np.dtype[np.void] = np.dtype(
     [
         ('decides', np.float64, (QUANTILES,)),
@@ -71,29 +71,22 @@ OUTLOOK: np.dtype[np.void] = np.dtype(
         ('earliest', np.float64, (QUANTILES,)),
         ('rate', np.float64),
         ('quiet', np.float64),
+        ('unstable_mean', np.float64),
+        ('unstable_std', np.float64),
     ],
     align=True,
 )
 
-_QUANTILES = ('decides', 'latest', 'earliest')
-_UNKNOWN = (math.nan,) * QUANTILES
 #: Nothing is known.
-NO_OUTLOOK: NDArray[np.void] = np.array(
-    [(_UNKNOWN, _UNKNOWN, _UNKNOWN, math.nan, math.nan)], dtype=OUTLOOK
-)
-
-
-def drawn(identified: IdentifiedNormalForm, count: int) -> list[NormalForm]:
-    """Draws of the form; the form itself where it is taken as exact."""
-    return identified.draws(count) if identified.covariance.any() else [identified.form]
+NO_OUTLOOK: NDArray[np.void] = np.full(OUTLOOK.itemsize // 8, math.nan).view(OUTLOOK)
 
 
 class OutlookTable:
     """
     Outlooks by speed, noise, quiet amplitude and roughness, computed when first asked for.
 
-    All but the speed are rounded to cells first. The answer depends on what is asked alone, not
-    on what was asked before.
+    All are rounded to cells first: the answer depends on what is asked alone, not on what was
+    asked before.
 
     Parameters
     ----------
@@ -103,23 +96,19 @@ class OutlookTable:
 
     def __init__(self, identified: IdentifiedNormalForm | None) -> None:
         self._known: dict[tuple[float, ...], NDArray[np.void]] = {}
-        self._speed_cell = self._speed_step = math.inf
+        self._speed_cell = math.inf
         if identified is None:
             return
         self._speed_cell = _SPEED_CELL * identified.form.critical_speed
-        self._speed_step = _SPEED_STEP * identified.form.critical_speed
-        names = ('critical_speed', 'D1', 'D7', 'D4', 'D10', 'D15')
-        own, *others = (
-            np.array([getattr(form, name) for name in names])
-            for form in (identified.form, *drawn(identified, _PATHS))
-        )
+        own, *others = map(_numbers, (identified.form, *_drawn(identified, _PATHS)))
+        self._draws = np.array([_numbers(form) for form in _drawn(identified, _DRAWS)]).T
         forms = np.array(others)
         if not len(identified.sample):
             # With its mirror image to each, the draws have the mean of the form.
             half = forms[: _PATHS // 2]
             forms = np.concatenate([half, 2.0 * own - half])
         # Each draw has its own noise; an exact form is drawn as often as the noise is.
-        self._forms = np.resize(forms[forms[:, 0] > 0.0], (_PATHS, len(names))).T
+        self._forms = np.resize(forms[forms[:, 0] > 0.0], (_PATHS, own.size)).T
         self._size = 2.0 * identified.form.length_scale
         self._time_scale = identified.form.time_scale
         normal = NormalDist()
@@ -130,13 +119,13 @@ class OutlookTable:
 
     def differ(self, speeds: _F, speed: float) -> NDArray[np.bool_]:
         """Return True for each speed, m/s, whose outlook is another one than that of `speed`."""
-        return np.asarray((speeds != speed) & ~(np.abs(speeds - speed) <= self._speed_step))
+        return np.asarray((speeds != speed) & ~(np.abs(speeds - speed) <= self._speed_cell))
 
     def at(
         self, speed: float, intensity: float, spread: float, quiet: float, roughness: float
     ) -> NDArray[np.void]:
         """
-        Look up, or compute; from one speed of the table to the next linear in 1 / amplitude.
+        Look up, or compute.
 
         Parameters
         ----------
@@ -156,61 +145,33 @@ class OutlookTable:
         """
         if not math.isfinite(speed) or self._speed_cell == math.inf:
             return NO_OUTLOOK
-        place = speed / self._speed_cell
-        number = math.floor(place)
-        part = place - number
-        cells = (
-            _cell(intensity),
-            round(spread / _CELL) if intensity > 0.0 else 0,
-            _cell(quiet),
-            _cell(roughness),
-        )
-        below, above = self._entry(number, *cells), self._entry(number + 1, *cells)
-        found = np.zeros(1, dtype=OUTLOOK)
-        with np.errstate(divide='ignore'):
-            for name in _QUANTILES:
-                found[name] = 1.0 / ((1.0 - part) * below[name] + part * above[name])
-        for name in ('rate', 'quiet'):
-            found[name] = (1.0 - part) * below[name] + part * above[name]
-        return found
-
-    def _entry(self, *cell: float) -> NDArray[np.void]:
-        """An entry of the table: OUTLOOK with the reciprocals of its amplitudes."""
+        spread = round(spread / _CELL) if intensity > 0.0 else 0
+        cell = round(speed / self._speed_cell), spread, *map(_cell, (intensity, quiet, roughness))
         if cell not in self._known:
             if len(self._known) >= _KEPT:
                 self._known.clear()
-            number, intensity, spread, quiet, roughness = cell
+            middles = map(_middle, cell[2:])
             self._known[cell] = self._compute(
-                number * self._speed_cell,
-                _middle(intensity) or _NO_NOISE,
-                spread * _CELL,
-                _middle(quiet),
-                _middle(roughness),
+                cell[0] * self._speed_cell, cell[1] * _CELL, *middles
             )
-            for name in _QUANTILES:
-                self._known[cell][name] **= -1.0
         return self._known[cell]
 
     def _compute(
-        self, speed: float, intensity: float, spread: float, quiet: float, roughness: float
+        self, speed: float, spread: float, intensity: float, quiet: float, roughness: float
     ) -> NDArray[np.void]:
-        v_c, d1, d7, d4, d10, d15 = self._forms
-        eps = speed / v_c - 1.0
-        # Growth rate as a polynomial of A^2. Roughness of amplitude B acts on the mean of the
-        # cubic term: A^2 -> A^2 + 2 B^2.
-        line = 2.0 * (roughness / self._size) ** 2
-        first, second = d1 * eps + d7 * eps**2, d4 + d10 * eps
-        first, second = first + line * (second + line * d15), second + 2.0 * line * d15
-        first, second, third = (
-            part / (self._time_scale * self._size**power)
-            for part, power in ((first, 0), (second, 2), (d15, 4))
-        )
+        intensity = intensity or _NO_NOISE
+        first, second, third = self._law(self._forms, speed, roughness)
         noise = intensity * np.exp(spread * self._noise)
         low, high = _ends(first, second, third, intensity, quiet)
         found = np.zeros(1, dtype=OUTLOOK)
+        with np.errstate(all='ignore'):
+            unstable, _ = steady_radii(*self._law(self._draws, speed, roughness))
+        exists = unstable[np.isfinite(unstable)]
+        found['unstable_mean'] = exists.mean() if exists.size else math.nan
+        found['unstable_std'] = exists.std() if exists.size else 0.0
         found['quiet'] = np.mean(first < 0.0)
         if np.isnan(high).all():
-            for name in _QUANTILES:
+            for name in ('decides', 'latest', 'earliest'):
                 found[name] = math.inf
             return found
         top = float(np.nanmax(high))
@@ -222,6 +183,30 @@ class OutlookTable:
         found['latest'] = _deciding(risen[_OUTSIDE], grid)
         found['earliest'] = _deciding(risen[_PATHS - 1 - _OUTSIDE], grid)
         return found
+
+    def _law(self, forms: _F, speed: float, roughness: float) -> list[_F]:
+        """
+        Return the growth rate of forms at a speed as a polynomial of A^2, its three coefficients.
+
+        Roughness of amplitude B acts on the mean of the cubic term: A^2 -> A^2 + 2 B^2.
+        """
+        v_c, d1, d7, d4, d10, d15 = forms
+        eps, line = speed / v_c - 1.0, 2.0 * (roughness / self._size) ** 2
+        first, second = d1 * eps + d7 * eps**2, d4 + d10 * eps
+        first, second = first + line * (second + line * d15), second + 2.0 * line * d15
+        scales = [self._time_scale * self._size**power for power in (0, 2, 4)]
+        return [part / scale for part, scale in zip((first, second, d15), scales, strict=True)]
+
+
+def _drawn(identified: IdentifiedNormalForm, count: int) -> list[NormalForm]:
+    """Draws of the form; the form itself where it is taken as exact."""
+    return identified.draws(count) if identified.covariance.any() else [identified.form]
+
+
+def _numbers(form: NormalForm) -> _F:
+    """Return what `OutlookTable._law` needs of a form."""
+    names = ('critical_speed', 'D1', 'D7', 'D4', 'D10', 'D15')
+    return np.array([getattr(form, name) for name in names])
 
 
 def _cell(value: float) -> float:
