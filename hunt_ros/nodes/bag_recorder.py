@@ -16,7 +16,7 @@ import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from datetime import datetime
 from operator import itemgetter
 from pathlib import Path
@@ -227,17 +227,17 @@ class BagRecorderNode(SuiteNode):
 
     def _begin(self) -> Path:
         """Start a recording; what latched topics have said stands at its beginning."""
-        limits = {item.name: getattr(self._config, item.name) for item in fields(RecordingLimits)}
-        notes = {name: getattr(self._config, name) for name in ('operator', 'notes')}
-        notes['rig'] = self._config.rig_name
-        notes['started'] = f'{datetime.now().astimezone():%Y-%m-%dT%H:%M:%S%z}'
-        notes['namespace'] = self.get_namespace()
-        path = self._new_path()
-        compression = self._config.compression.removeprefix('none')
+        config = self._config
+        notes = {
+            'operator': config.operator,
+            'notes': config.notes,
+            'rig': config.rig_name,
+            'started': f'{datetime.now().astimezone():%Y-%m-%dT%H:%M:%S%z}',
+            'namespace': self.get_namespace(),
+        }
+        path, compression = self._new_path(), config.compression.removeprefix('none')
         try:
-            recording = Recording(
-                path, RecordingLimits(**limits), notes=notes, compression=compression
-            )
+            recording = Recording(path, config, notes=notes, compression=compression)
         except BagError as error:
             if self._last != ('ERROR', str(error)):
                 self.get_logger().error(f'nothing is recorded: {error}')

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.subscription import Subscription
+from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
 from hunt_ros.dashboard.access import access
@@ -89,32 +89,21 @@ class DashboardNode(SuiteNode):
         self._diagnostics = Diagnostics(self, self._health)
         self._inbox = Channels(self, DISPLACEMENTS)
         model, now = self._model, time.monotonic
-        self._heard: list[tuple[Subscription, Callable[..., None]]] = [
+        told: dict[str, tuple[QoSProfile, Callable[..., None]]] = {
+            'hunting/status': (STATUS, lambda at_ns, said: model.take_status(at_ns, said, now())),
+            'hunting/events': (EVENTS, model.take_event),
+            '/diagnostics': (EVENTS, lambda _, said: model.take_health(said, now())),
+            'speed/status': (latched(), lambda _, said: model.take_speed_status(said, now())),
+        }
+        texts: dict[str, tuple[QoSProfile, Callable[..., None]]] = {
+            'hunting/alarms': (latched(), model.take_alarms),
+            'hunting/normal_form': (latched(), self._take_form),
+            'recording/mark': (stream(10), model.take_mark),
+        }
+        self._heard = [
             (self.create_polled_subscription(kind, topic, qos), take)
-            for kind, topic, qos, take in (
-                (
-                    DiagnosticArray,
-                    'hunting/status',
-                    STATUS,
-                    lambda at_ns, told: model.take_status(at_ns, told, now()),
-                ),
-                (DiagnosticArray, 'hunting/events', EVENTS, model.take_event),
-                (
-                    DiagnosticArray,
-                    '/diagnostics',
-                    EVENTS,
-                    lambda _, told: model.take_health(told, now()),
-                ),
-                (
-                    DiagnosticArray,
-                    'speed/status',
-                    latched(),
-                    lambda _, told: model.take_speed_status(told, now()),
-                ),
-                (String, 'hunting/alarms', latched(), model.take_alarms),
-                (String, 'hunting/normal_form', latched(), self._take_form),
-                (String, 'recording/mark', stream(10), model.take_mark),
-            )
+            for kind, topics in ((DiagnosticArray, told), (String, texts))
+            for topic, (qos, take) in topics.items()
         ]
         self._caller = Caller(self, self._diagnostics.failed)
         host = f'[{config.address}]' if ':' in config.address else config.address

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
 from queue import SimpleQueue
 
@@ -28,10 +29,8 @@ from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.output import EVENT_NUMBERS, Event, Output
 from hunt_ros.detection.regions import Level
-from hunt_ros.detection.words.status import DetectorStatus
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
-from hunt_ros.forecast import Forecast
 from hunt_ros.nodes.support.conversions import diagnostic
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, NewSince, log, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import EstimatePublishers
@@ -46,6 +45,7 @@ from hunt_ros.nodes.support.parameters import (
 from hunt_ros.nodes.support.qos import EVENTS, JOURNAL, STATUS, latched
 from hunt_ros.nodes.support.worker import Worker, offer
 from hunt_ros.rig import of_rig
+from hunt_ros.samples import Uncertain
 from hunt_ros.settings import Settings, setting
 from hunt_ros.suite import Awaited
 
@@ -67,73 +67,43 @@ class DetectorNodeConfig(Settings):
     rig_name: str = of_rig('rig_name')
 
 
-class CompanionWorker:
+def accompany(
+    companions: Companions,
+    motions: SimpleQueue[NDArray[np.void] | None],
+    tell: Callable[[Verdict], None],
+    diagnostics: Diagnostics,
+    stopping: threading.Event,
+) -> None:
     """
-    Feeds `Companions` from a queue, in a thread of its own: a refit delays no estimate.
+    Feed what runs beside the detector, in a thread of its own: a refit delays no estimate.
 
     Parameters
     ----------
-    config : CompanionConfig
-        What to run.
-    detector : DetectorConfig
-        What the detector is told of the rig.
+    companions : Companions
+        What runs beside it.
+    motions : SimpleQueue
+        Rows of the detector; None: begin anew.
     tell : callable
-        Gets each `Verdict`, in the worker's thread.
+        Gets each `Verdict`.
     diagnostics : Diagnostics
         Told of an error: what runs beside the detector then begins anew.
+    stopping : Event
+        Ends it.
     """
-
-    def __init__(
-        self,
-        config: CompanionConfig,
-        detector: DetectorConfig,
-        tell: Callable[[Verdict], None],
-        diagnostics: Diagnostics,
-    ) -> None:
-        rig = read_wheelset(config.forecast_rig) if config.forecast == 'wheelset' else None
-        self._companions = Companions(config, detector, rig)
-        self._tell = tell
-        self._diagnostics = diagnostics
-        self._queue: SimpleQueue[NDArray[np.void] | None] = SimpleQueue()
-        self._worker: Worker | None = None
-        if not self._companions.idle:
-            self._worker = Worker(diagnostics.failed, _TASK, self._work)
-
-    @property
-    def forecast(self) -> Forecast | None:
-        """The latest forecast; None where none is made."""
-        return self._companions.forecast
-
-    def offer(self, output: Output) -> None:
-        """Hand over what the detector has given out; returns at once."""
-        if self._worker is not None:
-            self._queue.put(output.motion)
-
-    def reset(self) -> None:
-        """Begin anew with the next samples."""
-        if self._worker is not None:
-            self._queue.put(None)
-
-    def close(self) -> None:
-        """Stop working."""
-        if self._worker is not None:
-            self._worker.stop()
-
-    def _work(self, stopping: threading.Event) -> None:
-        while not stopping.wait(_ROUND_S):
-            waiting = [self._queue.get() for _ in range(self._queue.qsize())]
-            try:
-                for anew, motions in groupby(waiting, lambda motion: motion is None):
-                    if anew:
-                        self._companions.reset()
-                        self._diagnostics.done(_TASK)
-                        continue
-                    known = [motion for motion in motions if motion is not None]
-                    for verdict in self._companions.update(np.concatenate(known)):
-                        self._tell(verdict)
-            except Exception as error:  # any: numbers of a rig that nobody has seen
-                self._diagnostics.failed(_TASK, error)
-                self._companions.reset()
+    while not stopping.wait(_ROUND_S):
+        waiting = [motions.get() for _ in range(motions.qsize())]
+        try:
+            for anew, rows in groupby(waiting, lambda motion: motion is None):
+                if anew:
+                    companions.reset()
+                    diagnostics.done(_TASK)
+                    continue
+                known = [motion for motion in rows if motion is not None]
+                for verdict in companions.update(np.concatenate(known)):
+                    tell(verdict)
+        except Exception as error:  # any: numbers of a rig that nobody has seen
+            diagnostics.failed(_TASK, error)
+            companions.reset()
 
 
 class HuntingDetectorNode(ManagedNode):
@@ -159,9 +129,13 @@ class HuntingDetectorNode(ManagedNode):
         self._events = self.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
         self._journal = self.create_publisher(String, 'hunting/journal', JOURNAL)
         self._verdicts = self.create_publisher(DiagnosticArray, 'hunting/criteria', EVENTS)
-        self._companions = CompanionWorker(
-            self._beside, self._config, self._on_verdict, self._diagnostics
-        )
+        beside, rig = self._beside, None
+        if beside.forecast == 'wheelset':
+            rig = read_wheelset(beside.forecast_rig)
+        self._companions = Companions(beside, self._config, rig)
+        self._motions: SimpleQueue[NDArray[np.void] | None] = SimpleQueue()
+        shared = self._companions, self._motions, self._on_verdict, self._diagnostics
+        self._worker = Worker(self._diagnostics.failed, _TASK, partial(accompany, *shared))
         self.create_subscription(String, 'hunting/normal_form', self._on_form, latched())
         self._alarms = self.create_publisher(String, 'hunting/alarms', latched())
         self._name = CallWords(self, 'hunting/acknowledged_by')
@@ -181,7 +155,7 @@ class HuntingDetectorNode(ManagedNode):
     def on_activate(self, state: State) -> TransitionCallbackReturn:
         """Go on after a pause: an alarm that nobody has acknowledged is still there."""
         self._detector.restart()
-        self._companions.reset()
+        self._motions.put(None)
         self._inbox.clear()
         return super().on_activate(state)
 
@@ -207,7 +181,8 @@ class HuntingDetectorNode(ManagedNode):
         """Publish what came of samples, a tick or an order."""
         if len(output.estimates):
             self._estimates.publish(output.estimates)
-            self._companions.offer(output)
+            if not self._companions.idle:
+                self._motions.put(output.motion)
         for event in output.events:
             self._tell(event)
         if output.events and self._detector.history.alarms:
@@ -222,30 +197,44 @@ class HuntingDetectorNode(ManagedNode):
 
     def _tell(self, event: Event) -> None:
         """Publish a transition, and log it."""
-        self._events.publish(event_message(event, self._rig))
+        level, cause = event.level.label, event.cause
+        self._events.publish(
+            diagnostic(event.stamp_ns, event.event, level, cause, event.values, self._rig)
+        )
         self._diagnostics.told = True
         speed_mps, amplitude_mm = event.number('speed_mps'), 1e3 * event.number('amplitude_m')
-        text = f'{event.event} at {speed_mps:.2f} m/s, {amplitude_mm:.3f} mm: {event.cause}'
-        log(self, event.level.label, text)
+        log(self, level, f'{event.event} at {speed_mps:.2f} m/s, {amplitude_mm:.3f} mm: {cause}')
 
     def _publish_status(self) -> None:
-        if self._active.is_set():
-            self._status.publish(status_message(self._present_status(), self._rig))
-            self._estimates.beside |= self._critical_speed()
-
-    def _present_status(self) -> DetectorStatus:
-        """Return the status with what is known of the speed that is held, and of v_c."""
-        status, forecast = self._detector.status, self._companions.forecast
-        v_c = None if forecast is None else forecast.critical_speed
+        """Publish it, with what is known of the speed that is held, and of v_c."""
+        if not self._active.is_set():
+            return
+        status, v_c = self._detector.status, self._forecast()
         low, high = (math.nan, math.nan) if v_c is None else (v_c.low, v_c.high)
         doubt = '; '.join(status.reasons) if status.level is Level.STALE else ''
-        known = self._detector.clearances.now(doubt, high).values
-        known |= {'forecast_v_c_low_mps': low, 'forecast_v_c_high_mps': high}
-        return replace(status, values={**status.values, **known})
+        values = {
+            **status.values,
+            **self._detector.clearances.now(doubt, high).values,
+            'forecast_v_c_low_mps': low,
+            'forecast_v_c_high_mps': high,
+        }
+        level, why = status.level.label, '; '.join(status.reasons)
+        self._status.publish(diagnostic(status.stamp_ns, 'hunting', level, why, values, self._rig))
+        value, std = self._config.critical_speed_mps or math.nan, math.nan
+        if self._form is not None:
+            value, std = self._form.form.critical_speed, self._form.std('v_c')
+        elif math.isnan(value) and v_c is not None:
+            value, std = v_c.value, v_c.std
+        self._estimates.beside |= {'critical_speed': value, 'critical_speed_std': std}
+
+    def _forecast(self) -> Uncertain | None:
+        """Return the forecast of v_c; None where there is none."""
+        forecast = self._companions.forecast
+        return None if forecast is None else forecast.critical_speed
 
     def close(self) -> None:
         """Stop the worker."""
-        self._companions.close()
+        self._worker.stop()
 
     def _on_verdict(self, verdict: Verdict) -> None:
         """Publish that a railway criterion began or ceased to exceed its limit."""
@@ -256,16 +245,6 @@ class HuntingDetectorNode(ManagedNode):
         status = self._detector.status
         known = {name: status.number(name) for name in EVENT_NUMBERS}
         self._tell(criterion_event(verdict, status.stamp_ns, status.level, known))
-
-    def _critical_speed(self) -> dict[str, float]:
-        """Return v_c of the normal form in force, of the parameters, or of the forecast."""
-        value, std = self._config.critical_speed_mps or math.nan, math.nan
-        forecast = self._companions.forecast
-        if self._form is not None:
-            value, std = self._form.form.critical_speed, self._form.std('v_c')
-        elif math.isnan(value) and forecast is not None and forecast.critical_speed is not None:
-            value, std = forecast.critical_speed.value, forecast.critical_speed.std
-        return {'critical_speed': value, 'critical_speed_std': std}
 
     def _reconfigure(self, config: DetectorConfig) -> None:
         """Take new settings from the next row on; the journal tells a replay of it."""
@@ -325,7 +304,7 @@ class HuntingDetectorNode(ManagedNode):
         values |= {f'clock_offset_s {name}': x for name, x in status.clock_offsets_s.items()}
         forecast = self._companions.forecast
         if forecast is not None:
-            v_c = forecast.critical_speed
+            v_c = self._forecast()
             values['forecast_v_c'] = forecast.reason if v_c is None else f'{v_c.value:.3f}'
             values['forecast_v_c_std'] = math.nan if v_c is None else v_c.std
         unreadable = self._new('unreadable', self._inbox.unreadable)
@@ -353,18 +332,6 @@ class HuntingDetectorNode(ManagedNode):
         awaited = not status.stamp_ns or (status.level is Level.WARN and not self._was_well)
         level = Awaited(status.level.label) if awaited else status.level.label
         return level, said, status.values
-
-
-def event_message(event: Event, rig: str) -> DiagnosticArray:
-    """Return a transition: its word is the name of the status, its cause the message."""
-    level, cause = event.level.label, event.cause
-    return diagnostic(event.stamp_ns, event.event, level, cause, event.values, rig)
-
-
-def status_message(status: DetectorStatus, rig: str) -> DiagnosticArray:
-    """Return the present status: the reasons in its message, every number as a value."""
-    level, text = status.level.label, '; '.join(status.reasons)
-    return diagnostic(status.stamp_ns, 'hunting', level, text, status.values, rig)
 
 
 make_node = HuntingDetectorNode

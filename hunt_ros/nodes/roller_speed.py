@@ -63,6 +63,11 @@ _CONFIRM_S = 0.5
 #: At the end the roller has this longer than its ramp to reach the safe speed, s; and it is there
 #: within this, m/s.
 _ENDING_S, _THERE_MPS = 10.0, 0.03
+#: Values of the detector's status that are the fields of `Motion`, in their order.
+_MOTION = (
+    *('amplitude_m', 'v_n_mps', 'v_c_mps', 'fold_amplitude_m', 'held_speed_mps', 'held_s'),
+    *('held_margin', 'held_escape_chance', 'forecast_v_c_low_mps'),
+)
 _LEVELS = {'tripped': 'ERROR', 'disarmed': 'WARN', 'armed': 'OK'}
 
 
@@ -462,17 +467,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
 def heard_of(message: DiagnosticArray) -> Heard:
     """Return what a message of the detector says; what is no number is not known."""
     said = read_diagnostic(message)
-    motion = Motion(
-        number_of(said, 'amplitude_m'),
-        number_of(said, 'v_n_mps'),
-        number_of(said, 'v_c_mps'),
-        number_of(said, 'fold_amplitude_m'),
-        number_of(said, 'held_speed_mps'),
-        number_of(said, 'held_s'),
-        number_of(said, 'held_margin'),
-        number_of(said, 'held_escape_chance'),
-        number_of(said, 'forecast_v_c_low_mps'),
-    )
+    motion = Motion(*(number_of(said, name) for name in _MOTION))
     sequence = said.get('sequence', '')
     return Heard(
         said.get('level', 'STALE'),
