@@ -104,7 +104,7 @@ figures: $(VENV)/installed  ## draw the pictures of docs/
 page-pictures: $(VENV)/installed  ## take the pictures of the page in docs/, with a Chromium
 	$(BIN)/python docs/page_pictures.py
 
-settings: $(VENV)/installed  ## write docs/settings.md, and the table of docs/alarm.md, from the code
+settings: $(VENV)/installed  ## write docs/settings.md from the code
 	$(BIN)/python docs/settings.py
 
 bench-forecast: $(VENV)/installed  ## forecast of v_c: error, spread against the bound, coverage

@@ -1,5 +1,5 @@
 """
-Write docs/settings.md from the settings, and the table of docs/alarm.md: `make settings`.
+Write docs/settings.md from the settings: `make settings`.
 
 What a node declares is read off its source (`declare(self, CLASS, ...)`), so that no list of nodes
 and classes has to be kept here.
@@ -16,13 +16,11 @@ from importlib.util import find_spec
 from math import inf
 from pathlib import Path
 
-from hunt_ros.drivers.alarms import table as table_of_alarms
 from hunt_ros.rig import PARAMETERS, Rig
 from hunt_ros.settings import Settings
 from hunt_ros.suite import NODES, SENSORS
 
 PAGE = Path(__file__).with_name('settings.md')
-ALARMS = PAGE.with_name('alarm.md')
 
 HEAD = """# Settings
 
@@ -71,12 +69,6 @@ def page() -> str:
         if items:
             parts.append(f'### `{name}`\n' + table((item, False) for item in items.values()))
     return '\n'.join(parts)
-
-
-def with_alarms() -> str:
-    """Return the page of the alarms with the table that the code has now."""
-    before, mark, rest = ALARMS.read_text(encoding='utf-8').partition('<!-- alarms -->\n')
-    return before + mark + table_of_alarms() + rest[rest.index('<!-- /alarms -->') :]
 
 
 def own(node: str) -> list[tuple[Field, bool]]:
@@ -137,4 +129,3 @@ def row(item: Field, live: bool) -> str:
 
 if __name__ == '__main__':
     PAGE.write_text(page(), encoding='utf-8')
-    ALARMS.write_text(with_alarms(), encoding='utf-8')

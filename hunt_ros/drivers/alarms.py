@@ -1,9 +1,10 @@
 """
-Every alarm: its code, what it means, what follows, what to do and how soon; and what is shelved.
+Every alarm by its code; and what is shelved.
 
-The codes are stable: a recording, a script and an operator know an alarm by them. The trips of
-the interlock and a silent detector cannot be shelved. What is shelved calls nobody (no sound, no
-command, no relay) for a time; levels, latched alarm and interlock stay as they are.
+The codes are stable: a recording, a script and an operator know an alarm by them. What each means,
+what follows, what to do and how soon stands in docs/alarm.md. The trips of the interlock and a
+silent detector cannot be shelved. What is shelved calls nobody (no sound, no command, no relay)
+for a time; levels, latched alarm and interlock stay as they are.
 """
 
 from __future__ import annotations
@@ -16,100 +17,15 @@ from hunt_ros.errors import ConfigError
 from hunt_ros.samples import CHANNELS
 from hunt_ros.settings import Settings, setting
 
-
-class Alarm(NamedTuple):
-    """Cause, what follows by itself, what a person does, and how soon."""
-
-    cause: str
-    consequence: str
-    what_to_do: str
-    how_soon: str
-
-
-_TRIP = 'trips in protect and measure'
-_STALE = 'STALE; trips in protect and measure (`inputs`)'
-_ERROR = 'ERROR, latched; trips in protect (`hunting`)'
-_WAIT = 'wait until the motion has died out, then rearm'
-
-#: Code -> what trips the interlock, the gravest first.
-TRIPS: dict[str, Alarm] = {
-    'speed': Alarm(
-        'the measured speed is above the ceiling, does not follow the set point, contradicts the'
-        ' encoder, or another master commands the drive',
-        f'{_TRIP}; the set point goes to 0',
-        'use the hard-wired stop; then look at the drive and its scale',
-        'at once',
-    ),
-    'displacement': Alarm(
-        'the lateral sensor itself shows more than the limit',
-        _TRIP,
-        'look whether the roller slows down; then at the zero of the sensor',
-        'at once',
-    ),
-    'detector': Alarm(
-        'the detector is silent, judges nothing new, or comes late',
-        _TRIP,
-        'look whether its process runs and the machine keeps up',
-        'in a minute',
-    ),
-    'inputs': Alarm(
-        'the detector cannot trust its inputs',
-        _TRIP,
-        'look for the sensor that the cause names',
-        'in a minute',
-    ),
-    'drive': Alarm(
-        'the drive is gone, sends nothing, or refuses set points',
-        f'{_TRIP}; the safe set point is sent again and again',
-        'use the hard-wired stop while the roller turns; then look at the line to the drive',
-        'at once',
-    ),
-    'amplitude': Alarm('an estimate of the amplitude is above the limit', _TRIP, _WAIT, 'at once'),
-    'hunting': Alarm('the wheelset hunts, or will for sure', 'trips in protect', _WAIT, 'at once'),
-}
-
-#: Code -> what the detector alarms for; CHANNEL stands for the name of each.
-DETECTED: dict[str, Alarm] = {
-    'escaping': Alarm(
-        'the amplitude is beyond the unstable one, or grows for sure',
-        _ERROR,
-        'slow down below v_n where the interlock does not',
-        'at once',
-    ),
-    'limit_cycle': Alarm(
-        'the wheelset hunts', _ERROR, 'slow down below v_n where the interlock does not', 'at once'
-    ),
-    **{
-        f'alarm_{name}': Alarm(
-            f'the {what} is above the limit of the lab', _ERROR, 'slow down', 'in a minute'
-        )
-        for name, what in (
-            ('lateral_mm', 'lateral amplitude'),
-            ('yaw_mrad', 'yaw amplitude'),
-            ('acceleration_mps2', 'lateral acceleration'),
-        )
-    },
-    **{
-        f'CHANNEL_{name}': Alarm(f'the channel {words}', _STALE, do, 'in a minute')
-        for name, words, do in (
-            ('waiting', 'has sent no sample yet', 'start its node'),
-            ('silent', 'has fallen silent', 'look for its node, its cable, its power'),
-            ('no_value', 'sends NaN or infinite values only', 'look at the sensor and its cable'),
-            ('stuck', 'repeats one value', 'look at the sensor and its cable'),
-            ('saturated', 'is at an end of its range', 'look at its zero and its range'),
-            ('contradicted', 'contradicts the roller angle', 'look at encoder and diameter'),
-        )
-    },
-}
-
-
-def table() -> str:
-    """Return the table of docs/alarm.md."""
-    rows = [('code', *(name.replace('_', ' ') for name in Alarm._fields))]
-    rows += [('---',) * len(rows[0])]
-    rows += [(f'`{code}`', *alarm) for code, alarm in {**TRIPS, **DETECTED}.items()]
-    return ''.join(f'| {" | ".join(row)} |\n' for row in rows)
-
+#: What trips the interlock, the gravest first.
+TRIPS = ('speed', 'displacement', 'detector', 'inputs', 'drive', 'amplitude', 'hunting')
+#: What the detector alarms for; CHANNEL stands for the name of each.
+DETECTED = (
+    *('escaping', 'limit_cycle'),
+    *('alarm_lateral_mm', 'alarm_yaw_mrad', 'alarm_acceleration_mps2'),
+    *('CHANNEL_waiting', 'CHANNEL_silent', 'CHANNEL_no_value'),
+    *('CHANNEL_stuck', 'CHANNEL_saturated', 'CHANNEL_contradicted'),
+)
 
 #: Event -> code of the alarm that begins with it, or ends with it; that of a limit is its test.
 _BEGINS = {
@@ -169,7 +85,7 @@ class Shelved(Settings):
     Parameters
     ----------
     code : str
-        A key of `DETECTED`.
+        One of `DETECTED`.
     until_s : float
         When that ends, s since 1970: it outlives the process.
     minutes : float

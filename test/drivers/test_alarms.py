@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,6 +28,14 @@ NOON = 1_800_000_000.0
 def _guard(state: SafetyState | None = None) -> SpeedGuard:
     settings = InterlockSettings(amplitude_limit_m=1e-3)
     return SpeedGuard(DriveLimits(), settings, 0.3, state or SafetyState())
+
+
+def test_the_page_says_of_every_alarm_what_it_means_and_what_to_do() -> None:
+    page = (Path(__file__).parents[2] / 'docs/alarm.md').read_text(encoding='utf-8')
+    _, _, table = page.partition('| code | cause | consequence | what to do | how soon |\n')
+    rows = [line.split(' | ') for line in table.partition('\n\n')[0].splitlines()[1:]]
+    assert [row[0].strip('|` ') for row in rows] == [*TRIPS, *DETECTED]
+    assert {len(row) for row in rows} == {5}
 
 
 def test_the_table_has_every_cause_of_the_detector() -> None:

@@ -1,8 +1,8 @@
 """
 The estimate topics: what they are called, what each field of them holds, and how often.
 
-`ESTIMATES` is the one table: the publishers, the recorder (which leaves these topics out,
-because a replay makes them again) and docs/topics.md follow from it.
+`ESTIMATES` is the one table: the publishers and the recorder (which leaves these topics out,
+because a replay makes them again) follow from it; docs/topics.md says what they hold.
 """
 
 from __future__ import annotations
@@ -36,8 +36,6 @@ class EstimateTopic(NamedTuple):
     joints : tuple of str
         Columns of the detector's rows, or of `_MADE`. They are never the names of a measurement: a
         3D view would move the wheelset by them.
-    content : str
-        What the fields hold, with units.
     rate, std : bool
         Whether `velocity` has the rate of change, the column `..._rate`, and `effort` the standard
         deviation, the column `..._std`.
@@ -47,7 +45,6 @@ class EstimateTopic(NamedTuple):
 
     name: str
     joints: tuple[str, ...]
-    content: str
     rate: bool = False
     std: bool = True
     fast: bool = False
@@ -68,58 +65,18 @@ _MADE: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     'margin_std': lambda rows: (rows['margin_high'] - rows['margin_low']) / (2.0 * NORMAL_95),
 }
 
-ESTIMATES: tuple[EstimateTopic, ...] = (
+ESTIMATES = (
     EstimateTopic(
-        'hunting/amplitude',
-        ('lateral_amplitude', 'yaw_amplitude'),
-        'amplitude of the hunting component (m, rad); `velocity` its rate',
-        rate=True,
-        fast=True,
+        'hunting/amplitude', ('lateral_amplitude', 'yaw_amplitude'), rate=True, fast=True
     ),
-    EstimateTopic(
-        'hunting/envelope',
-        ('lateral_envelope', 'yaw_envelope'),
-        'Hilbert envelope, the second estimate of it (m, rad)',
-        std=False,
-        fast=True,
-    ),
-    EstimateTopic(
-        'hunting/phase',
-        ('hunting_phase',),
-        'phase (rad); `velocity` the angular frequency (rad/s)',
-        rate=True,
-        fast=True,
-    ),
-    EstimateTopic(
-        'hunting/roughness',
-        ('lateral_roughness', 'yaw_roughness'),
-        'amplitude of the first known line (m, rad)',
-    ),
-    EstimateTopic('hunting/growth_rate', ('growth_rate',), 'growth rate of the amplitude (1/s)'),
-    EstimateTopic('hunting/margin', ('margin',), 'unstable amplitude over amplitude (1)'),
-    EstimateTopic(
-        'hunting/unstable_amplitude',
-        ('unstable_amplitude',),
-        'amplitude beyond which the motion grows (m)',
-    ),
-    EstimateTopic(
-        'hunting/critical_speed',
-        ('critical_speed',),
-        'v_c of the normal form, of the parameters, or of the forecast (m/s)',
-    ),
+    EstimateTopic('hunting/envelope', ('lateral_envelope', 'yaw_envelope'), std=False, fast=True),
+    EstimateTopic('hunting/phase', ('hunting_phase',), rate=True, fast=True),
+    EstimateTopic('hunting/roughness', ('lateral_roughness', 'yaw_roughness')),
+    EstimateTopic('hunting/growth_rate', ('growth_rate',)),
+    EstimateTopic('hunting/margin', ('margin',)),
+    EstimateTopic('hunting/unstable_amplitude', ('unstable_amplitude',)),
+    EstimateTopic('hunting/critical_speed', ('critical_speed',)),
 )
-
-
-def topics_table() -> str:
-    """Return the lines of the table in docs/topics.md."""
-    lines = []
-    for topic in ESTIMATES:
-        often = '`output_rate_hz`' if topic.fast else f'{1e9 / _SLOW_NS:.0f} Hz'
-        std = '; `effort` its standard deviation' if topic.std else ''
-        lines.append(
-            f'| `{topic.name}` | sensor_msgs/JointState | {topic.content}{std}; {often} |'
-        )
-    return '\n'.join(lines)
 
 
 class EstimatePublishers:

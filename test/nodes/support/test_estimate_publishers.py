@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 
 from hunt_ros.detection.output import ESTIMATE_DTYPE
 from hunt_ros.nodes.support.conversions import to_ns
-from hunt_ros.nodes.support.estimate_publishers import ESTIMATES, EstimatePublishers, topics_table
+from hunt_ros.nodes.support.estimate_publishers import ESTIMATES, EstimatePublishers
 from hunt_ros.samples import CHANNELS
 
 TOPICS = Path(__file__).parents[3] / 'docs' / 'topics.md'
@@ -75,5 +75,9 @@ def test_there_are_at_most_eight_and_no_joint_is_that_of_a_measurement() -> None
     assert not set(names) & set(CHANNELS)
 
 
-def test_the_page_of_the_topics_has_the_table() -> None:
-    assert topics_table() in TOPICS.read_text()
+@pytest.mark.parametrize('topic', ESTIMATES)
+def test_the_page_of_the_topics_says_what_it_holds_and_how_often(topic) -> None:
+    (row,) = (r for r in TOPICS.read_text().splitlines() if r.startswith(f'| `{topic.name}` |'))
+    says = [f'`{word}`' in row for word in ('velocity', 'effort', 'output_rate_hz')]
+    assert says == [topic.rate, topic.std, topic.fast]
+    assert row.endswith('20 Hz |') != topic.fast
