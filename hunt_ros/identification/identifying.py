@@ -28,6 +28,7 @@ from hunt_ros.identification.preparation import (
     motion_in,
     runs_in,
 )
+from hunt_ros.identification.record.channels import runs as spans
 from hunt_ros.identification.record.envelope import (
     WINDOW_CYCLES,
     WINDOW_OVERLAP,
@@ -46,7 +47,6 @@ from hunt_ros.identification.record.screening import (
     repeated,
 )
 from hunt_ros.identification.record.segments import Run
-from hunt_ros.identification.record.segments import runs as spans
 from hunt_ros.identification.result import Identification
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.verdict.verdict import Evidence, conclude

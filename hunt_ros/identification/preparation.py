@@ -27,6 +27,7 @@ from hunt_ros.identification.record.hunting_frequency import (
     motion_of_channels,
     tracked_envelope,
 )
+from hunt_ros.identification.record.kicks import find_kicks
 from hunt_ros.identification.record.screening import (
     Digest,
     Stretch,
@@ -35,7 +36,7 @@ from hunt_ros.identification.record.screening import (
     sketch_of,
     without_contact,
 )
-from hunt_ros.identification.record.segments import Run, analyse_record, find_kicks
+from hunt_ros.identification.record.segments import Run, analyse_record
 from hunt_ros.identification.record.stops import ignoring, measuring
 from hunt_ros.identification.record.turning import with_angle
 from hunt_ros.identification.settings import IdentificationSettings
@@ -182,5 +183,5 @@ def runs_in(
         corrected = without_beat(envelope)
         kicked = find_kicks(clean, envelope)
         segments, states = analyse_record(channels, envelope, corrected, kicked, settings)
-        runs.append(Run(seen, envelope, corrected, segments, states))
+        runs.append(Run(seen, envelope, corrected, kicked, segments, states))
     return runs, said

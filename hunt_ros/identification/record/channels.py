@@ -156,3 +156,9 @@ def channels_of(record: Record) -> Channels:
         roller = roller[0] + sense * np.concatenate([[0.0], np.cumsum(turned)])
     rate = 1.0 / float(np.median(np.diff(time)))
     return Channels(name, start_ns, time, values, np.abs(speed), roller, rate)
+
+
+def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return first and one past the last index of each stretch of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from hunt_ros.analysis.steady_state import ABOVE_NOISE
+from hunt_ros.identification.record.channels import runs
 from hunt_ros.identification.record.envelope import WINDOW_CYCLES, Envelope
-from hunt_ros.identification.record.segments import runs
 from hunt_ros.samples import as_json, key
 
 Array = NDArray[np.float64]

@@ -18,9 +18,8 @@ from scipy.stats import linregress
 
 from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.errors import IdentificationError
-from hunt_ros.identification.record.channels import Channels, channels_of, refuse
+from hunt_ros.identification.record.channels import Channels, channels_of, refuse, runs
 from hunt_ros.identification.record.envelope import Envelope
-from hunt_ros.identification.record.segments import runs
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import NANOSECONDS, Record, Series
 

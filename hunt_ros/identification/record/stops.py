@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.errors import IdentificationError
-from hunt_ros.identification.record.segments import runs
+from hunt_ros.identification.record.channels import runs
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import GAP_STEPS, Record, Series, counted, smallest_step
 

@@ -12,9 +12,9 @@ from hunt_ros.dynamics.simulation import (
 from hunt_ros.identification.record.channels import channels_of
 from hunt_ros.identification.record.envelope import without_beat
 from hunt_ros.identification.record.hunting_frequency import tracked_envelope
+from hunt_ros.identification.record.kicks import find_kicks
 from hunt_ros.identification.record.segments import (
     analyse_record,
-    find_kicks,
     speed_holds,
     steady_part,
 )
