@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,12 +38,10 @@ from hunt_ros.errors import ConfigError
 
 Complex = NDArray[np.complex128]
 Monomial = tuple[int, int, int]
-Series = dict[Monomial, Complex]
 
 #: Resonant monomials, in the order of Eq. (22): D1, D4, D7', D10', D15'.
 RESONANT: tuple[Monomial, ...] = ((1, 0, 1), (2, 1, 0), (1, 0, 2), (2, 1, 1), (3, 2, 0))
 
-_HIGHEST_GRADE = 5
 #: Least damping of the second pair, and least |l . v| of unit vectors, taken as regular.
 _SMALLEST = 1e-6
 
@@ -128,106 +126,84 @@ def normal_form_of(rig: RigParameters) -> ComplexNormalForm:
         D7=d7,
         D10=d10,
         D15=d15,
-        w101=complex(w[1, 0, 1][0]),
-        w210=complex(w[2, 1, 0][0]),
+        w101=complex(w[0, 1, 0, 1]),
+        w210=complex(w[0, 2, 1, 0]),
         length_scale=rig.length_scale,
         time_scale=rig.time_scale,
     )
 
 
-def _critical_vectors(rig: RigParameters, speed: float) -> tuple[Complex, Complex]:
-    """Right vector with y* = 1 and left vector with l . v = 1, of the only critical pair."""
+def _parametrise(
+    rig: RigParameters, wheelset: Wheelset, speed: float, omega: float
+) -> tuple[Complex, Complex]:
+    """
+    Solve the cohomological equation to grade 5.
+
+    Returns
+    -------
+    w : ndarray, shape (4, 6, 6, 3)
+        Coefficients of W by the powers of eta, conj(eta) and eps.
+    r : ndarray, shape (6, 6, 3)
+        Of R.
+    """
+    matrix, mode = wheelset.linear_matrix(speed), hunting_mode(rig, speed)
     found = eigenvalues(rig, speed) * rig.time_scale
-    mode = hunting_mode(rig, speed)
     condition = np.linalg.norm(mode.adjoint) * np.linalg.norm(mode.shape)
     if found[2].real > -_SMALLEST or condition > 1.0 / _SMALLEST:
         listed = ', '.join(f'{value:.4g}' for value in found)
         raise ConfigError(f'{rig.name}: degenerate critical eigenvalues ({listed})')
-    return mode.shape, mode.adjoint
-
-
-def _parametrise(
-    rig: RigParameters, wheelset: Wheelset, speed: float, omega: float
-) -> tuple[Series, dict[Monomial, complex]]:
-    """Solve the cohomological equation to grade 5; return the coefficients of W and R."""
-    matrix = wheelset.linear_matrix(speed)
-    right, left = _critical_vectors(rig, speed)
+    right, left = mode.shape, mode.adjoint
     damping = np.diag(np.diag(matrix) * np.array([0.0, 1.0, 0.0, 1.0]))
-    w: Series = {(1, 0, 0): right, (0, 1, 0): right.conj()}
-    r: dict[Monomial, complex] = {(1, 0, 0): 1j * omega}
-    for grade in range(3, _HIGHEST_GRADE + 1, 2):
-        forces = _forces(w, wheelset, grade)
-        for monomial in _monomials(grade):
-            a, b, c = monomial
-            if a < b:  # W is real: the rest are conjugates
-                continue
-            known: NDArray[Any] = forces.get(monomial, np.zeros(4)) - _transported(w, r, monomial)
+    w, r = np.zeros((4, 6, 6, 3), np.complex128), np.zeros((6, 6, 3), np.complex128)
+    w[:, 1, 0, 0], w[:, 0, 1, 0], r[1, 0, 0] = right, right.conj(), 1j * omega
+    for grade in (3, 5):
+        # Of this grade only what lower ones make: its own coefficients are zero still.
+        moved = _times(_slope(w), r)
+        known = -moved - moved.conj().swapaxes(1, 2)  # W is real: the rest are conjugates
+        known[1::2] -= _forces(w[0], w[2], wheelset)
+        for a, b, c in _monomials(grade):
             # A(eps) = A + damping (1 / (1 + eps) - 1), Eq. (5)
-            for power in range(1, c + 1):
-                if (a, b, c - power) in w:
-                    known = known + (-1) ** power * (damping @ w[a, b, c - power])
+            slowed = sum((-1) ** k * (damping @ w[:, a, b, c - k]) for k in range(1, c + 1))
+            right_hand = known[:, a, b, c] + slowed
             shifted = (1j * (a - b)) * omega * np.eye(4) - matrix
             if a - b == 1:  # M W + R v = known with l . W = 0
                 bordered = np.block([[shifted, right[:, None]], [left, np.zeros(1)]])
-                solution = np.linalg.solve(bordered, np.append(known, 0.0))
-                w[monomial], r[monomial] = solution[:4], complex(solution[4])
+                solution = np.linalg.solve(bordered, np.append(right_hand, 0.0))
+                w[:, a, b, c], r[a, b, c] = solution[:4], solution[4]
             else:
-                w[monomial] = np.linalg.solve(shifted, known).astype(np.complex128)
-            w[b, a, c] = w[monomial].conj()
+                w[:, a, b, c] = np.linalg.solve(shifted, right_hand)
+            w[:, b, a, c] = w[:, a, b, c].conj()
     return w, r
 
 
 def _monomials(grade: int) -> list[Monomial]:
-    """All (a, b, c) with a + b + 2 c = grade and a + b > 0."""
-    return [
-        (grade - 2 * c - b, b, c)
-        for c in range(grade // 2, -1, -1)
-        for b in range(grade - 2 * c + 1)
-    ]
+    """All (a, b, c) with a + b + 2 c = grade and a >= b, a > 0."""
+    powers = ((c, grade - 2 * c) for c in range(grade // 2, -1, -1))
+    return [(degree - b, b, c) for c, degree in powers for b in range(degree // 2 + 1)]
 
 
-def _transported(w: Series, r: dict[Monomial, complex], target: Monomial) -> Complex:
-    """Part of dW/deta R + dW/dconj(eta) conj(R) at one monomial that is known already."""
-    total = np.zeros(4, dtype=np.complex128)
-    for (a, b, c), rate in r.items():
-        if (a, b, c) == (1, 0, 0):
-            continue
-        # eta^i conj(eta)^j times the rate of eta, then of conj(eta)
-        i, j, k = target[0] - a + 1, target[1] - b, target[2] - c
-        if i > 0 and (i, j, k) in w and (i, j, k) != (1, 0, 0):
-            total += i * rate * w[i, j, k]
-        i, j, k = target[0] - b, target[1] - a + 1, target[2] - c
-        if j > 0 and (i, j, k) in w and (i, j, k) != (0, 1, 0):
-            total += j * rate.conjugate() * w[i, j, k]
-    return total
-
-
-def _forces(w: Series, wheelset: Wheelset, grade: int) -> Series:
-    """Coefficients of N(W) at one grade: minus the cubic and quintic terms of (2), (3)."""
-    y = {m: complex(value[0]) for m, value in w.items()}
-    psi = {m: complex(value[2]) for m, value in w.items()}
-    result: Series = {}
-    for order, table in ((3, wheelset.cubic), (5, wheelset.quintic)):
-        for j in range(order + 1):
-            if order <= grade and table[:, j].any():
-                product = _power_product([y] * (order - j) + [psi] * j, grade)
-                for monomial, value in product.items():
-                    if sum(monomial) + monomial[2] == grade:
-                        force = result.setdefault(monomial, np.zeros(4, dtype=np.complex128))
-                        force[1::2] -= value * table[:, j]
-    return result
-
-
-def _power_product(factors: list[dict[Monomial, complex]], grade: int) -> dict[Monomial, complex]:
-    """Product of scalar series, truncated above a grade."""
-    product = factors[0]
-    for left_over, factor in zip(range(len(factors) - 2, -1, -1), factors[1:], strict=True):
-        result: dict[Monomial, complex] = {}
-        for (a, b, c), x in product.items():
-            for (i, j, k), z in factor.items():
-                # each factor still to come has grade 1 at least
-                if a + b + i + j + 2 * (c + k) + left_over <= grade:
-                    key = (a + i, b + j, c + k)
-                    result[key] = result.get(key, 0.0) + x * z
-        product = result
+def _times(one: Complex, other: Complex) -> Complex:
+    """Product of two series, shapes (..., 6, 6, 3) and (6, 6, 3); higher powers are cut."""
+    product = np.zeros_like(one)
+    for a, b, c in np.argwhere(other):
+        product[..., a:, b:, c:] += other[a, b, c] * one[..., : 6 - a, : 6 - b, : 3 - c]
     return product
+
+
+def _slope(series: Complex) -> Complex:
+    """Derivative with respect to eta of a series, shape (4, 6, 6, 3)."""
+    found = np.zeros_like(series)
+    found[:, :-1] = series[:, 1:] * np.arange(1.0, 6.0)[:, None, None]
+    return found
+
+
+def _forces(y: Complex, psi: Complex, wheelset: Wheelset) -> Complex:
+    """Cubic and quintic terms of (2), (3) of two series: shape (2, 6, 6, 3)."""
+    one = np.zeros_like(y)
+    one[0, 0, 0] = 1.0
+    of_y, of_psi = (list(accumulate([x] * 5, _times, initial=one)) for x in (y, psi))
+    force = np.zeros((2, *y.shape), np.complex128)
+    for order, table in ((3, wheelset.cubic), (5, wheelset.quintic)):
+        for j in np.flatnonzero(table.any(axis=0)):
+            force += np.multiply.outer(table[:, j], _times(of_y[order - j], of_psi[j]))
+    return force

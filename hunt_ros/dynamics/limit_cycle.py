@@ -15,13 +15,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.dynamics.linear_stability import critical_frequency, critical_speed, hunting_mode
 from hunt_ros.dynamics.parameters import RigParameters
-from hunt_ros.dynamics.wheelset import Wheelset
+from hunt_ros.dynamics.wheelset import TINY, Wheelset
 from hunt_ros.errors import ConfigError
 
 Array = NDArray[np.float64]
@@ -66,38 +67,23 @@ class Collocation:
         tangent = np.concatenate([y, psi, [0.0, 0.0]])
         return point, tangent / np.linalg.norm(tangent)
 
-    def residual(self, x: Array) -> tuple[Array, Array]:
-        """Equations (2), (3) at the points, the phase condition, and their Jacobian."""
-        n, rig = self.points, self.rig
-        y, psi, omega = x[:n] * self.largest, x[n : 2 * n] * self.largest, x[-2]
+    def value(self, x: NDArray[Any]) -> NDArray[Any]:
+        """Equations (2), (3) at the points and the phase condition, of unknowns (2 n + 2, ...)."""
+        n, rig, omega = self.points, self.rig, x[-2]
+        y, psi = x[:n] * self.largest, x[n : 2 * n] * self.largest
         v = (self.hopf / rig.speed_scale) * (1.0 + 0.25 * x[-1])
         forces = self.wheelset.nonlinear_forces(y, psi)
-        state = np.zeros((n, 4))
-        state[:, 0], state[:, 2] = y, psi
-        springs = -self.wheelset.jacobian(state, self.hopf)  # columns 0 and 2 do not know v
-        fy, fp, sy, sp = self.first @ y, self.first @ psi, self.second @ y, self.second @ psi
-        value = np.zeros(2 * n + 1)
-        value[:n] = omega**2 * sy + rig.d11 / v * omega * fy + rig.k11 * y + rig.k12 * psi
-        value[n:-1] = omega**2 * sp + rig.d22 / v * omega * fp + rig.k21 * y + rig.k22 * psi
-        value[:n] += forces[:, 0]
-        value[n:-1] += forces[:, 1]
-        value[-1] = self.to_fundamental.imag @ y
-        matrix = np.zeros((2 * n + 1, 2 * n + 2))
-        matrix[:n, :n] = omega**2 * self.second + rig.d11 / v * omega * self.first
-        matrix[n:-1, n:-2] = omega**2 * self.second + rig.d22 / v * omega * self.first
-        diagonal = np.arange(n)
-        matrix[diagonal, diagonal] += springs[:, 1, 0]
-        matrix[diagonal, n + diagonal] += springs[:, 1, 2]
-        matrix[n + diagonal, diagonal] += springs[:, 3, 0]
-        matrix[n + diagonal, n + diagonal] += springs[:, 3, 2]
-        matrix[-1, :n] = self.to_fundamental.imag
-        matrix[:, : 2 * n] *= self.largest
-        matrix[:n, -2] = 2.0 * omega * sy + rig.d11 / v * fy
-        matrix[n:-1, -2] = 2.0 * omega * sp + rig.d22 / v * fp
-        slowing = -0.25 / (1.0 + 0.25 * x[-1])
-        matrix[:n, -1] = rig.d11 / v * omega * fy * slowing
-        matrix[n:-1, -1] = rig.d22 / v * omega * fp * slowing
-        return value / self.largest, matrix / self.largest
+        lateral = omega**2 * (self.second @ y) + rig.d11 / v * omega * (self.first @ y)
+        yaw = omega**2 * (self.second @ psi) + rig.d22 / v * omega * (self.first @ psi)
+        lateral += rig.k11 * y + rig.k12 * psi + forces[..., 0]
+        yaw += rig.k21 * y + rig.k22 * psi + forces[..., 1]
+        phase = (self.to_fundamental.imag @ y)[None]
+        return np.concatenate([lateral, yaw, phase]) / self.largest
+
+    def residual(self, x: Array) -> tuple[Array, Array]:
+        """Return `value` of one solution and its Jacobian, by complex steps."""
+        steps = x[:, None] + 1j * TINY * np.eye(x.size)
+        return self.value(x), self.value(steps).imag / TINY
 
     def speed(self, x: Array) -> Array:
         """Running speed of one or many solutions, m/s."""

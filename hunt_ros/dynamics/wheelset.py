@@ -17,6 +17,9 @@ from hunt_ros.errors import ConfigError
 
 Array = NDArray[np.float64]
 
+#: Imaginary step by which derivatives are taken: its square is nothing.
+TINY = 1e-30
+
 
 class Wheelset:
     """
@@ -90,7 +93,7 @@ class Wheelset:
         ndarray, shape (..., 2)
             Sums of the alpha and of the beta terms.
         """
-        y, psi = np.broadcast_arrays(np.asarray(y, np.float64), np.asarray(psi, np.float64))
+        y, psi = np.broadcast_arrays(y, psi)
         third = np.stack([y ** (3 - j) * psi**j for j in range(4)], axis=-1)
         fifth = np.stack([y ** (5 - j) * psi**j for j in range(6)], axis=-1)
         forces: Array = third @ self.cubic.T + fifth @ self.quintic.T
@@ -112,14 +115,14 @@ class Wheelset:
         ndarray, shape (..., 4)
             Per unit of dimensionless time.
         """
-        x = np.asarray(state, dtype=np.float64)
+        x = np.asarray(state)
         result: Array = np.einsum('...ij,...j->...i', self.linear_matrix(speed), x)
         result[..., 1::2] -= self.nonlinear_forces(x[..., 0], x[..., 2])
         return result
 
     def jacobian(self, state: ArrayLike, speed: ArrayLike) -> Array:
         """
-        Derivative of `derivative` with respect to the state.
+        Derivative of `derivative` with respect to the state, by a complex step: exact to rounding.
 
         Parameters
         ----------
@@ -131,18 +134,12 @@ class Wheelset:
         Returns
         -------
         ndarray, shape (..., 4, 4)
+
+        References
+        ----------
+        Squire, W., Trapp, G. (1998), SIAM Review 40, 110-112.
         """
-        x = np.asarray(state, dtype=np.float64)
-        y, psi = x[..., 0], x[..., 2]
-        shape = np.broadcast_shapes(y.shape, np.shape(speed))
-        matrix: Array = np.broadcast_to(self.linear_matrix(speed), (*shape, 4, 4)).copy()
-        for order, table in ((3, self.cubic), (5, self.quintic)):
-            for j in range(order + 1):
-                i = order - j
-                if i:
-                    by_y = i * y ** (i - 1) * psi**j
-                    matrix[..., 1::2, 0] -= by_y[..., None] * table[:, j]
-                if j:
-                    by_psi = j * y**i * psi ** (j - 1)
-                    matrix[..., 1::2, 2] -= by_psi[..., None] * table[:, j]
+        x = np.asarray(state, dtype=np.float64)[..., None, :] + 1j * TINY * np.eye(4)
+        columns = self.derivative(x, np.asarray(speed)[..., None]).imag / TINY
+        matrix: Array = np.swapaxes(columns, -1, -2)
         return matrix
