@@ -21,7 +21,7 @@ from pathlib import Path
 
 from hunt_ros.bag import BagWriter, write_record
 from hunt_ros.bag.cdr.message_types import standard_types
-from hunt_ros.bag.mcap.layout import walk_file
+from hunt_ros.bag.mcap.layout import Layout
 from hunt_ros.bag.messages import STRING
 from hunt_ros.bag.record_writer import record_rows
 from hunt_ros.bag.repair import repair
@@ -138,7 +138,7 @@ def write_damaged() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         folder = write_record(Path(scratch) / 'run', kick_escapes(), chunk_bytes=1 << 16)
         data = bytearray((folder / 'run_0.mcap').read_bytes())
-    chunks = walk_file(bytes(data)).chunks
+    chunks = Layout(memoryview(bytes(data))).chunks
     bad = chunks[len(chunks) // 5]
     data[bad.data + bad.stored // 2] ^= 0xFF
     cut = chunks[-1].offset + chunks[-1].stored // 2

@@ -113,7 +113,7 @@ class Clip:
             writer.describe(*layout.schemas.values(), *layout.channels.values())
         for chunk in chunks:
             with suppress(ValueError):  # damaged
-                copy_chunk(file.view, chunk, layout, writer)
+                copy_chunk(layout, chunk, writer)
 
 
 class Clips:

@@ -156,7 +156,7 @@ def _copy_mcap(file: McapFile, writer: McapWriter, report: Repair) -> None:
             writer.add_beside(record)
     for chunk in layout.chunks:
         try:
-            copy_chunk(file.view, chunk, layout, writer)
+            copy_chunk(layout, chunk, writer)
         except ValueError as error:
             end = chunk.data + chunk.stored
             report.lost_spans_ns.append((chunk.first_ns, chunk.last_ns))
@@ -169,9 +169,9 @@ def _copy_mcap(file: McapFile, writer: McapWriter, report: Repair) -> None:
     report.problems += left_out
 
 
-def copy_chunk(view: memoryview, chunk: rec.Chunk, layout: Layout, writer: McapWriter) -> None:
+def copy_chunk(layout: Layout, chunk: rec.Chunk, writer: McapWriter) -> None:
     """Copy a sound chunk as it is; message by message where one in it must not be copied."""
-    raw = rec.expand_chunk(view, chunk)
+    raw = rec.expand_chunk(layout.view, chunk)
     data, found = np.frombuffer(raw, np.uint8), walked_places(raw)
     times = [(int(part.log_ns.min()), int(part.log_ns.max())) for part in found.values()]
     if not times:
@@ -186,7 +186,7 @@ def copy_chunk(view: memoryview, chunk: rec.Chunk, layout: Layout, writer: McapW
             key: np.stack([part.log_ns, part.starts - rec.MESSAGE_PREFIX], axis=1).tobytes()
             for key, part in found.items()
         }
-        writer.add_chunk(bytes(view[chunk.offset : chunk.end]), entries)
+        writer.add_chunk(bytes(layout.view[chunk.offset : chunk.end]), entries)
         return
     possible = {key: places.possible() for key, places in found.items()}
     layout.left_out[IMPOSSIBLE] += sum(

@@ -29,7 +29,7 @@ from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from hunt_ros.bag import Bag, read_record
 from hunt_ros.bag.inspection import inspect
-from hunt_ros.bag.mcap.layout import walk_file
+from hunt_ros.bag.mcap.layout import Layout
 from hunt_ros.bag.mcap.records import records
 from hunt_ros.bag.messages import read_raw, read_texts
 from hunt_ros.bag.repair import repair
@@ -145,7 +145,7 @@ def shuffle_records(rng: np.random.Generator, data: bytearray) -> bytearray:
 
 def inside_a_chunk(rng: np.random.Generator, data: bytearray) -> bytearray:
     """Damage the messages of an uncompressed chunk, and put its CRC right."""
-    chunks = [c for c in walk_file(bytes(data)).chunks if c.compression == '' and c.stored]
+    chunks = [c for c in Layout(memoryview(bytes(data))).chunks if c.compression == '' and c.stored]
     if not chunks:
         return flip_bytes(rng, data)
     chunk = chunks[int(rng.integers(len(chunks)))]

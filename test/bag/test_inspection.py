@@ -12,7 +12,7 @@ from bags_made import make_record, write_mcap, write_rosbags
 
 from hunt_ros.bag import BagWriter, read_record, write_record
 from hunt_ros.bag.inspection import inspect
-from hunt_ros.bag.mcap.layout import walk_file
+from hunt_ros.bag.mcap.layout import Layout
 from hunt_ros.bag.mcap.records import FOOTER_SIZE, MESSAGE_PREFIX
 from hunt_ros.bag.record_writer import serialise
 from hunt_ros.errors import BagError
@@ -83,7 +83,7 @@ def test_messages_that_a_file_without_an_index_has_lost_are_missed(tmp_path) -> 
     """Its statistics say how many there were."""
     file = write_mcap(tmp_path / 'a.mcap', make_record(seconds=0.1), use_chunking=False)
     whole = bytearray(file.read_bytes())
-    layout = walk_file(whole)
+    layout = Layout(memoryview(bytes(whole)))
     place = int(next(iter(layout.loose.values())).starts[7]) - MESSAGE_PREFIX
     length = int.from_bytes(whole[place + 1 : place + 9], 'little')
     del whole[place : place + 9 + length]

@@ -25,8 +25,6 @@ from hunt_ros.bag.mcap.layout import (
     IMPOSSIBLE,
     IndexPlace,
     Layout,
-    claimed_counts,
-    walk_file,
     walked_places,
 )
 from hunt_ros.errors import BagError
@@ -82,31 +80,21 @@ class McapFile:
             self._map.close()
             raise BagError(f'{path}: not an MCAP file, it does not begin with its magic bytes')
         self.view = memoryview(self._map)
-        self.problems: list[str] = []
         self.remarks: list[tuple[str, str]] = []
         try:
-            self.layout = self._open()
+            self.layout = layout = Layout(self.view)
         except BaseException:
             self.close()
             raise
-        self.topics = self.layout.topics
-        self.counts = dict(self.layout.counts)
-        self.metadata = [(part.name, part.metadata) for part in self.layout.metadata]
-
-    def _open(self) -> Layout:
-        """Walk through the file, and compare it with what its summary says."""
-        layout = walk_file(self.view)
-        try:
-            claimed = claimed_counts(self.view)
-        except ValueError as error:
-            self.problems.append(f'no usable summary: {error}')
-            claimed = None
+        self.topics = layout.topics
+        self.counts = dict(layout.counts)
+        self.metadata = [(part.name, part.metadata) for part in layout.metadata]
+        self.problems = [f'no usable summary: {layout.no_summary}'] if layout.no_summary else []
         self.problems += layout.problems
-        if not self.problems and claimed is not None and claimed != +layout.counts:
-            there, told = layout.counts.total(), sum(claimed.values())
+        if not self.problems and layout.claimed not in (None, +layout.counts):
+            there, told = layout.counts.total(), sum((layout.claimed or {}).values())
             self.problems.append(f'{there} messages are in it, {told} by its summary')
         self.problems += [f'{count} {what}' for what, count in layout.left_out.items() if count]
-        return layout
 
     @property
     def span_ns(self) -> tuple[int, int] | None:

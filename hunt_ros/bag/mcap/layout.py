@@ -13,7 +13,6 @@ from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
@@ -35,10 +34,14 @@ _PRIVATE = 0x80
 IMPOSSIBLE = 'messages of an impossible time'
 
 
-@dataclass
 class Layout:
     """
     What was found in a file.
+
+    Parameters
+    ----------
+    view : memoryview
+        The file. Chunks are opened only where their topics are not known from elsewhere.
 
     Attributes
     ----------
@@ -54,28 +57,38 @@ class Layout:
         Offset and length of each metadata, attachment and private record.
     counts : Counter of int
         Messages by topic id, also of a topic that nothing describes.
+    claimed : dict of int to int, or None
+        The same by the statistics of the summary; None without such.
     left_out : Counter of str
         What cannot be read, by kind.
     problems : list of str
         Where the walk met damage, and why.
+    no_summary : str
+        Why the summary cannot be used; '' where it can, or was left out on purpose.
     lost_bytes : int
         Bytes in damaged places.
     ended : bool
         Whether the walk has seen the end of the recording.
     """
 
-    schemas: dict[int, peer.Schema] = field(default_factory=dict)
-    channels: dict[int, peer.Channel] = field(default_factory=dict)
-    chunks: list[Chunk] = field(default_factory=list)
-    indexes: dict[int, dict[int, IndexPlace]] = field(default_factory=dict)
-    loose: dict[int, Places] = field(default_factory=dict)
-    metadata: list[peer.Metadata] = field(default_factory=list)
-    beside: list[tuple[int, int]] = field(default_factory=list)
-    counts: Counter[int] = field(default_factory=Counter)
-    left_out: Counter[str] = field(default_factory=Counter)
-    problems: list[str] = field(default_factory=list)
-    lost_bytes: int = 0
-    ended: bool = False
+    def __init__(self, view: memoryview) -> None:
+        self.view = view
+        self.schemas: dict[int, peer.Schema] = {}
+        self.channels: dict[int, peer.Channel] = {}
+        self.chunks: list[Chunk] = []
+        self.indexes: dict[int, dict[int, IndexPlace]] = {}
+        self.loose: dict[int, Places] = {}
+        self.metadata: list[peer.Metadata] = []
+        self.beside: list[tuple[int, int]] = []
+        self.counts: Counter[int] = Counter()
+        self.claimed: dict[int, int] | None = None
+        self.left_out: Counter[str] = Counter()
+        self.problems: list[str] = []
+        self.no_summary = ''
+        self.lost_bytes, self.ended = 0, False
+        self._loose: dict[int, array[int]] = {}
+        self._walk(self._read_summary())
+        self._settle()
 
     @property
     def topics(self) -> list[Topic]:
@@ -110,7 +123,57 @@ class Layout:
                 times += [int(places.log_ns.min()), int(places.log_ns.max())]
         return (min(times), max(times)) if times and sum(self.counts.values()) else None
 
-    def describe(self, opcode: int, payload: bytes | memoryview) -> None:
+    def _read_summary(self) -> list[int]:
+        """Take the topics and counts of a sound summary; return where it says that chunks are."""
+        # Many writers describe a topic in its first chunk alone, which may be damaged.
+        found = []
+        try:
+            for opcode, payload in rec.summary_records(self.view):
+                if opcode == Opcode.CHUNK_INDEX:
+                    found.append(rec.unpack(peer.ChunkIndex, payload).chunk_start_offset)
+                elif opcode == Opcode.STATISTICS:
+                    counts = rec.unpack(peer.Statistics, payload).channel_message_counts
+                    self.claimed = {key: count for key, count in counts.items() if count}
+                self._describe(opcode, payload)
+        except ValueError as error:
+            self.no_summary = str(error)
+        return sorted(found)
+
+    def _walk(self, chunks: list[int]) -> None:
+        """Find every record; behind damage, go on at the next chunk that the summary names."""
+        position, end = len(rec.MAGIC), len(self.view)
+        if self.view[:position] != rec.MAGIC:
+            self.problems.append(f'bytes 0 to {position}: no magic bytes')
+            self.lost_bytes += position
+        while position < end and not self.ended:
+            following = bisect_right(chunks, position)
+            try:
+                for opcode, offset, length in rec.records(self.view, position, end):
+                    behind = offset + rec.RECORD.size + length
+                    following = bisect_right(chunks, offset)
+                    if any(at < behind for at in chunks[following : following + 1]):
+                        raise ValueError(f'the record at byte {offset} reaches into a chunk')
+                    if opcode in (Opcode.DATA_END, Opcode.FOOTER):
+                        self.ended = True
+                        break
+                    self._take(opcode, offset, length)
+                    position = behind
+                else:
+                    break
+            except ValueError as error:
+                after = chunks[following] if following < len(chunks) else end
+                self.problems.append(f'bytes {position} to {after}: {error}')
+                self.lost_bytes += after - position
+                position = after
+                self._distrust()
+        if not self.ended:  # the indexes of the last chunk may have been cut away in part
+            self._distrust()
+
+    def _distrust(self) -> None:
+        if self.chunks:
+            self.indexes.pop(self.chunks[-1].offset, None)
+
+    def _describe(self, opcode: int, payload: bytes | memoryview) -> None:
         """Take a schema or a channel; another record is passed over."""
         if opcode == Opcode.SCHEMA:
             schema = rec.unpack(peer.Schema, payload)
@@ -120,112 +183,44 @@ class Layout:
             channel = rec.unpack(peer.Channel, payload)
             self.channels[channel.id] = channel
 
-
-class _Walk:
-    """Goes through a file once, from the front to the end."""
-
-    def __init__(self, view: memoryview) -> None:
-        self.view = view
-        self.layout = Layout()
-        self._loose: dict[int, array[int]] = {}
-
-    def run(self) -> Layout:
-        """Find every record; behind damage, go on at the next chunk that the summary names."""
-        chunks = self._told_by_summary()
-        position, end = len(rec.MAGIC), len(self.view)
-        if self.view[:position] != rec.MAGIC:
-            self.layout.problems.append(f'bytes 0 to {position}: no magic bytes')
-            self.layout.lost_bytes += position
-        while position < end and not self.layout.ended:
-            following = bisect_right(chunks, position)
-            try:
-                for opcode, offset, length in rec.records(self.view, position, end):
-                    behind = offset + rec.RECORD.size + length
-                    following = bisect_right(chunks, offset)
-                    if any(at < behind for at in chunks[following : following + 1]):
-                        raise ValueError(f'the record at byte {offset} reaches into a chunk')
-                    if opcode in (Opcode.DATA_END, Opcode.FOOTER):
-                        self.layout.ended = True
-                        break
-                    self._take(opcode, offset, length)
-                    position = behind
-                else:
-                    break
-            except ValueError as error:
-                after = chunks[following] if following < len(chunks) else end
-                self.layout.problems.append(f'bytes {position} to {after}: {error}')
-                self.layout.lost_bytes += after - position
-                position = after
-                self._distrust()
-        if not self.layout.ended:  # the indexes of the last chunk may have been cut away in part
-            self._distrust()
-        self._settle()
-        return self.layout
-
-    def _told_by_summary(self) -> list[int]:
-        """Take the topics of a sound summary, and return where it says that chunks are."""
-        # Many writers describe a topic in its first chunk alone, which may be damaged.
-        found = []
-        with suppress(ValueError):
-            for opcode, payload in rec.summary_records(self.view):
-                if opcode == Opcode.CHUNK_INDEX:
-                    found.append(rec.unpack(peer.ChunkIndex, payload).chunk_start_offset)
-                self.layout.describe(opcode, payload)
-        return sorted(found)
-
-    def _distrust(self) -> None:
-        if self.layout.chunks:
-            self.layout.indexes.pop(self.layout.chunks[-1].offset, None)
-
     def _take(self, opcode: int, offset: int, length: int) -> None:
-        layout = self.layout
         payload = self.view[offset + 9 : offset + 9 + length]
         if opcode == Opcode.MESSAGE:
             _add_message(self._loose, self.view, offset, length)
         elif opcode == Opcode.CHUNK:
-            layout.chunks.append(rec.unpack_chunk(self.view, offset, length))
-        elif opcode == Opcode.MESSAGE_INDEX and layout.chunks:
+            self.chunks.append(rec.unpack_chunk(self.view, offset, length))
+        elif opcode == Opcode.MESSAGE_INDEX and self.chunks:
             channel, size = int.from_bytes(payload[:2], 'little'), length - 6
             if size < 0 or size % ENTRY_BYTES or size != int.from_bytes(payload[2:6], 'little'):
                 raise ValueError(f'the message index at byte {offset} is damaged')
             if size:
-                index = layout.indexes.setdefault(layout.chunks[-1].offset, {})
+                index = self.indexes.setdefault(self.chunks[-1].offset, {})
                 index[channel] = (offset + INDEX_HEAD, size // ENTRY_BYTES)
         elif opcode in (Opcode.METADATA, Opcode.ATTACHMENT) or opcode >= _PRIVATE:
             if opcode == Opcode.METADATA:
-                layout.metadata.append(rec.unpack(peer.Metadata, payload))
-            layout.beside.append((offset, length + 9))
+                self.metadata.append(rec.unpack(peer.Metadata, payload))
+            self.beside.append((offset, length + 9))
         elif opcode > Opcode.DATA_END or not opcode:
             raise ValueError(f'the record at byte {offset} is of no known kind')
         else:
-            layout.describe(opcode, payload)
+            self._describe(opcode, payload)
 
     def _settle(self) -> None:
         """Count the messages, and open the chunks that alone know their topics."""
-        layout = self.layout
-        for chunk in layout.chunks:
-            index = layout.indexes.get(chunk.offset)
+        for chunk in self.chunks:
+            index = self.indexes.get(chunk.offset)
             found = {key: count for key, (_, count) in (index or {}).items()}
-            if index is None or not index.keys() <= layout.channels.keys():
+            if index is None or not index.keys() <= self.channels.keys():
                 with suppress(ValueError):  # damaged: reading it says so
-                    inside = walked_places(rec.expand_chunk(self.view, chunk), layout.describe)
+                    inside = walked_places(rec.expand_chunk(self.view, chunk), self._describe)
                     found = {key: places.log_ns.size for key, places in inside.items()}
-            layout.counts.update(found)
+            self.counts.update(found)
         for key, places in _places(self._loose).items():
-            layout.loose[key] = places.possible()
-            layout.counts[key] += layout.loose[key].log_ns.size
-            layout.left_out[IMPOSSIBLE] += places.log_ns.size - layout.loose[key].log_ns.size
-        unknown = (count for key, count in layout.counts.items() if key not in layout.channels)
-        layout.left_out['messages of topics described nowhere'] += sum(unknown)
-
-
-def walk_file(data: bytes | memoryview) -> Layout:
-    """
-    Walk a file from the front, over every record of it.
-
-    Chunks are opened only where their topics are not known from elsewhere.
-    """
-    return _Walk(memoryview(data)).run()
+            self.loose[key] = places.possible()
+            self.counts[key] += self.loose[key].log_ns.size
+            self.left_out[IMPOSSIBLE] += places.log_ns.size - self.loose[key].log_ns.size
+        unknown = (count for key, count in self.counts.items() if key not in self.channels)
+        self.left_out['messages of topics described nowhere'] += sum(unknown)
 
 
 def walked_places(
@@ -269,19 +264,3 @@ def _places(rows: dict[int, array[int]]) -> dict[int, Places]:
         key: Places(*np.frombuffer(several, dtype=np.int64).reshape(-1, 3).T.copy())
         for key, several in rows.items()
     }
-
-
-def claimed_counts(data: memoryview) -> dict[int, int] | None:
-    """
-    Return how many messages of each topic there are by the statistics; None without such.
-
-    Raises
-    ------
-    ValueError
-        If the file does not end as a complete one does, or its summary is damaged.
-    """
-    for opcode, payload in rec.summary_records(data):
-        if opcode == Opcode.STATISTICS:
-            counts = rec.unpack(peer.Statistics, payload).channel_message_counts
-            return {key: count for key, count in counts.items() if count}
-    return None
