@@ -11,14 +11,14 @@ from __future__ import annotations
 import shutil
 import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
 from hunt_ros.bag.bag_writer import BagWriter
-from hunt_ros.errors import BagError
+from hunt_ros.errors import BagError, one_line
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
@@ -115,6 +115,7 @@ class Recording:
         self._names: list[str] = []  # the number of a topic is its place, from 1
         self._lock = threading.Lock()
         self._queue: list[_Message | _Order] = []
+        self._taken: deque[_Message | _Order] = deque()  # out of it, by the thread
         self._waiting = 0
         self._dropped: Counter[str] = Counter()
         self._messages = 0
@@ -241,21 +242,28 @@ class Recording:
                     checked = now
                 if ending:
                     break
-        except (BagError, OSError) as error:
-            self._problem = str(error)
+        except Exception as error:  # it ends the recording, closed, and is never without a word
+            with self._lock:  # what waits and what comes now is lost, and counted
+                self._problem = one_line(error)
+                lost = (each for each in (*self._taken, *self._queue) if isinstance(each, tuple))
+                self._dropped.update(self._names[topic - 1] for topic, *_ in lost)
+                self._queue, self._waiting = [], 0
         self._finish()
 
     def _drain(self) -> None:
         """Write all that waits, and begin a new file where it is due."""
         with self._lock:
-            queue, self._queue = self._queue, []
-        for item in queue:
+            self._taken, self._queue = deque(self._queue), []
+        while self._taken:
+            item = self._taken[0]
             if not isinstance(item, tuple):
                 item(self._bag)
+                self._taken.popleft()
                 continue
             self._bag.write(*item)
             size = len(item[2])
             with self._lock:
+                self._taken.popleft()
                 self._waiting -= size
                 self._messages += 1
                 self._bytes += size

@@ -145,7 +145,9 @@ def shuffle_records(rng: np.random.Generator, data: bytearray) -> bytearray:
 
 def inside_a_chunk(rng: np.random.Generator, data: bytearray) -> bytearray:
     """Damage the messages of an uncompressed chunk, and put its CRC right."""
-    chunks = [c for c in Layout(memoryview(bytes(data))).chunks if c.compression == '' and c.stored]
+    chunks = [
+        c for c in Layout(memoryview(bytes(data))).chunks if c.compression == '' and c.stored
+    ]
     if not chunks:
         return flip_bytes(rng, data)
     chunk = chunks[int(rng.integers(len(chunks)))]

@@ -119,6 +119,18 @@ def test_a_disk_that_fills_ends_the_recording_closed_and_says_so(
     assert len(read_record(recording.stop())['lateral']) == 100
 
 
+def test_what_no_file_can_hold_ends_the_recording_closed_and_says_so(tmp_path: Path) -> None:
+    recording = Recording(tmp_path / 'run')
+    offer_all(recording, 100)
+    recording.offer(recording.topic('/rig/lateral', JOINT_STATE), -5, MESSAGES[0])
+    offer_all(recording, 10_000)
+    wait_for(lambda: not recording.state.running)
+    state = recording.state
+    assert state.problem.startswith('error: ')
+    assert len(read_record(recording.stop())['lateral']) == state.messages == 100
+    assert state.dropped_count == 10_001, 'those that were taken and not written as well'
+
+
 def test_a_disk_that_refuses_to_write_leaves_whole_chunks(tmp_path: Path) -> None:
     """A real full disk: a file size limit of the system stands in for it."""
     reader, writer = os.pipe()
