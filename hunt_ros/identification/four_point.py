@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.analysis.steady_state import SteadyState
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.identification.record.segments import Segment
 from hunt_ros.samples import key
@@ -128,3 +129,27 @@ def four_point(detunings: NDArray[np.float64], radii: NDArray[np.float64], D1: f
     stable = form.stable_amplitude(1.0 + eps) / (2.0 * form.length_scale)
     missed = int(np.sum(~np.isclose(stable, r, rtol=1e-3)))
     return FourPoint(D4, D7, D10, D15, condition, missed)
+
+
+def recipe(
+    identified: IdentifiedNormalForm | None,
+    states: Sequence[SteadyState],
+    segments: Sequence[Segment],
+    warnings: list[str],
+) -> FourPoint | str:
+    """Run the recipe with v_c and D1 of a normal form, on limit cycles; or say why not."""
+    if identified is None:
+        return 'the four-point recipe needs v_c and D1 of a normal form, and none is given'
+    form = identified.form
+    chosen = at_detunings(states, segments, form.critical_speed)
+    if isinstance(chosen, str):
+        return chosen
+    eps = np.array([state.speed / form.critical_speed - 1.0 for state in chosen])
+    radii = np.array([state.amplitude for state in chosen]) / (2.0 * form.length_scale)
+    found = four_point(eps, radii, form.D1)
+    if found.missed:
+        warnings.append(
+            f'four-point recipe: {found.missed} of its 4 amplitudes are no stable limit cycle of'
+            f' its own coefficients (condition number {found.condition_number:.3g})'
+        )
+    return found

@@ -21,11 +21,10 @@ from hunt_ros.analysis.steady_state import (
     hunting_threshold,
 )
 from hunt_ros.dynamics.growth_law import GrowthLaw
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import COEFFICIENTS, Criticality
+from hunt_ros.dynamics.normal_form import COEFFICIENTS
 from hunt_ros.identification.bracket import Bracket, contradicts, refutations
 from hunt_ros.identification.fit import FittedLaw
-from hunt_ros.identification.four_point import FourPoint, at_detunings, four_point
+from hunt_ros.identification.four_point import FourPoint, recipe
 from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.segments import Run, Segment
@@ -44,7 +43,7 @@ from hunt_ros.identification.verdict.lack_of_fit import (
     misfit_of,
     missed_transients,
 )
-from hunt_ros.identification.verdict.reasons import reasons, unknown_of
+from hunt_ros.identification.verdict.reasons import reasons, resolved, unknown_of
 from hunt_ros.samples import Uncertain
 
 #: Logarithm of a noise intensity, in units of A_ref^2 / s, below which there is none to see.
@@ -69,8 +68,6 @@ _BEYOND = 1.1
 _SMALL = 0.3
 #: Cycles of free motion below which a record is too short for anything.
 _FEWEST_STEPS = 12
-#: Widths of one step of a staircase differ from it by the noise of the speed reading.
-_ONE_STEP = 1.25
 
 _SUPERCRITICAL = 'a supercritical rig has no fold and no unstable branch'
 
@@ -205,7 +202,7 @@ def conclude(
     elif bracket.coexistence is not None:
         criticality = 'subcritical'
     observed, no_hysteresis = resolved(evidence.observed, criticality)
-    four = _recipe(form, evidence, warnings)
+    four = recipe(form, evidence.hunting, evidence.segments, warnings)
     result = Identification(
         normal_form=form,
         v_c=given['v_c'],
@@ -450,69 +447,6 @@ def _limit(law: GrowthLaw, fastest: float) -> float:
     """Amplitude of the stable limit cycle at v_c, or where the data end before, m; or NaN."""
     at = fastest if law.critical_speed is None else min(law.critical_speed, fastest)
     return float(law.steady_amplitudes(at)[1][0])
-
-
-def resolved(
-    seen: ObservedCriticalSpeeds, criticality: Criticality | None
-) -> tuple[ObservedCriticalSpeeds, str]:
-    """
-    Withhold a hysteresis that the steps of the speed do not show.
-
-    Speeds of jumps are known to half a step. Two jumps one step apart are what a continuous
-    onset without any hysteresis gives as well.
-
-    Parameters
-    ----------
-    seen : ObservedCriticalSpeeds
-        As read off.
-    criticality : 'subcritical', 'supercritical' or None
-        What the fit says of the rig; None where it does not say.
-
-    Returns
-    -------
-    speeds : ObservedCriticalSpeeds
-    reason : str
-        Why v_n and the width are not given although the amplitude fell; '' where they are,
-        or where it did not fall.
-    """
-    width, step = seen.hysteresis_width, seen.step
-    reason = ''
-    if seen.v_n is None:
-        return seen, ''
-    if criticality == 'supercritical':
-        reason = 'the rig is supercritical: its amplitude falls without a jump'
-    elif width is not None and step is not None and width < -_ONE_STEP * step:
-        reason = (
-            f'the amplitude fell at a higher speed than it rose ({-width:.2g} m/s): no hysteresis'
-            ' does that'
-        )
-    elif width is not None and step is not None and width <= _ONE_STEP * step:
-        reason = (
-            f'the amplitude rose and fell at speeds {width:.2g} m/s apart, no more than one step'
-            f' of the speed ({step:.2g} m/s): no hysteresis is resolved'
-        )
-    return (replace(seen, v_n=None, v_n_between=(None, None)), reason) if reason else (seen, '')
-
-
-def _recipe(
-    identified: IdentifiedNormalForm | None, evidence: Evidence, warnings: list[str]
-) -> FourPoint | str:
-    """Run the paper's recipe on the limit cycles at its four detunings; or why not."""
-    if identified is None:
-        return 'the four-point recipe needs v_c and D1 of a normal form, and none is given'
-    form = identified.form
-    chosen = at_detunings(evidence.hunting, evidence.segments, form.critical_speed)
-    if isinstance(chosen, str):
-        return chosen
-    eps = np.array([state.speed / form.critical_speed - 1.0 for state in chosen])
-    radii = np.array([state.amplitude for state in chosen]) / (2.0 * form.length_scale)
-    recipe = four_point(eps, radii, form.D1)
-    if recipe.missed:
-        warnings.append(
-            f'four-point recipe: {recipe.missed} of its 4 amplitudes are no stable limit cycle of'
-            f' its own coefficients (condition number {recipe.condition_number:.3g})'
-        )
-    return recipe
 
 
 def _summary(evidence: Evidence, misfit: LackOfFit, lacks: Sequence[str]) -> FitSummary:

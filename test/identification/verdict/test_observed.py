@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
-from hunt_ros.identification.verdict.verdict import resolved
+from hunt_ros.identification.verdict.reasons import resolved
 
 
 @pytest.mark.parametrize('criticality', ['subcritical', 'supercritical', None])
