@@ -189,7 +189,9 @@ class RollerCommand:
     def rearm(self) -> str:
         """End what is forced; its speed is held until a profile is started or resumed."""
         if self.forced:
-            self._held, self.forced_mps, self.stopped = self.forced_mps, math.inf, False
+            # What the drive has never taken is not held: the roller may be slower.
+            self._held = None if math.isnan(self._last) else self.forced_mps
+            self.forced_mps, self.stopped = math.inf, False
         return ''
 
     def let_go(self) -> None:
@@ -225,6 +227,8 @@ class RollerCommand:
             self._pending_rate = 0.0
             if self.stopped or math.isnan(before):
                 return self.forced_mps if self.stopped else None
+            # Nor where it was not known how slow the roller is, as at a start.
+            self.forced_mps = min(self.forced_mps, before)
             fallen = self.limits.safe_deceleration_mps2 * passed_s
             return max(self.forced_mps, min(before, self._begin_mps) - fallen)
         if math.isnan(before):

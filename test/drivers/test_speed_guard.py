@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
+from hunt_ros.drivers.base import DriveBlock
 from hunt_ros.drivers.command import DriveLimits
 from hunt_ros.drivers.interlock import InterlockSettings
 from hunt_ros.drivers.safety_state import SafetyState, read
@@ -24,8 +25,9 @@ class _Slow:
         self.taken.append(speed_mps)
 
 
-def _guard() -> SpeedGuard:
-    return SpeedGuard(DriveLimits(), InterlockSettings(), 0.0, SafetyState(), longest_step_s=0.25)
+def _guard(state: SafetyState | None = None) -> SpeedGuard:
+    settings = InterlockSettings()
+    return SpeedGuard(DriveLimits(), settings, 0.0, state or SafetyState(), longest_step_s=0.25)
 
 
 def test_the_newest_counts_and_what_is_refused_is_not_what_the_drive_has() -> None:
@@ -52,6 +54,25 @@ def test_who_was_disarmed_by_a_person_stays_so_and_not_by_a_parameter_of_before(
     (tmp_path / 'state').write_text(before.unsaved(running=False))
     after = SpeedGuard(DriveLimits(), InterlockSettings(), 0.0, read(tmp_path / 'state'))
     assert after.interlock.state == state
+
+
+@pytest.mark.parametrize('mps', [0.0, 3.0, 6.0])
+@pytest.mark.parametrize('rearm', [False, True])
+def test_a_speed_node_that_was_killed_sets_no_roller_going(mps, rearm) -> None:
+    """It starts tripped, with the safe speed of before; the roller may stand."""
+    guard, drive = _guard(SafetyState(running=True, safe_mps=4.5)), _Slow()
+    guard.reconfigure(0, InterlockSettings(interlock='off'))
+    for step in range(1, 100):
+        now_ns = step * 50_000_000
+        if rearm and step in (1, 50):
+            guard.rearm(now_ns)
+        guard.hand_over(drive)
+        speeds = np.array([drive.taken[-1] if drive.taken else mps])
+        angle = np.array([np.nan])
+        guard.readings.take(now_ns / 1e9, DriveBlock(np.array([now_ns]), angle, speeds))
+        guard.decide(now_ns, now_ns, True, True)
+    assert all(b <= a for a, b in itertools.pairwise([mps, *drive.taken]))
+    assert not drive.taken if rearm else drive.taken[-1] == min(mps, 4.5)
 
 
 @pytest.mark.parametrize('seed', range(20))
