@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-import time
+from argparse import Namespace
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from tables import asked, markdown, publish
+from tables import mapped, markdown, run
 
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.dynamics.profile import Hold, Profile, Sweep
@@ -103,7 +104,7 @@ def bound(case: Case, law: ResponseLaw, levels: list) -> float:
     return critical_interval(law, fit, float(spectra.speed.max())).std
 
 
-def run(case: Case, seed: int, truth: float) -> dict[str, list]:
+def climbed(case: Case, seed: int, truth: float) -> dict[str, list]:
     """Simulate one staircase; return the forecasts at the stages and at the end, by law."""
     settings = SimulationSettings(
         initial_speed=case.speeds[0],
@@ -160,10 +161,11 @@ def summarise(name: str, found: list, truth: float, limit: float, label: str) ->
     ]
 
 
-def measure(case: Case, seeds: int) -> list[list[object]]:
+def measure(task: tuple[Case, int]) -> list[list[object]]:
     """Run all seeds of a case."""
+    case, seeds = task
     truth = WheelsetLaw(case.rig).critical_speed(true_theta(case))
-    runs = [run(case, seed, truth) for seed in range(seeds)]
+    runs = [climbed(case, seed, truth) for seed in range(seeds)]
     levels = runs[0]['smooth'][-1]
     rows = []
     for name, law in (('wheelset', WheelsetLaw(case.rig)), ('smooth', SmoothLaw())):
@@ -174,13 +176,11 @@ def measure(case: Case, seeds: int) -> list[list[object]]:
             found = [one[name][stage] for one in runs]
             rows.append(summarise(name, found, truth, math.nan, label))
         rows.append(summarise(name, [one[name][-2] for one in runs], truth, limit, case.title))
-        print(*rows[-stages - 1 :], sep='\n', flush=True)
     return rows
 
 
-def main() -> None:
-    """Measure and publish."""
-    arguments = asked(__doc__, seeds=(100, 2))
+def measured(arguments: Namespace, pool: Executor) -> str:
+    """Return the table."""
     seeds = arguments.seeds
     supercritical = replace(paper_rig(), beta={'30': -250.0}, name='supercritical')
     stair = tuple(np.round(np.arange(4.0, 7.21, 0.2), 3).tolist())
@@ -192,12 +192,9 @@ def main() -> None:
         Case('14 m/s rig', other_rig(), 2e-5, tuple(np.linspace(7.0, 12.6, 17).tolist())),
         Case('supercritical, sweep to 8.4 m/s', supercritical, 2e-5, (6.0, 8.4), (), 0.01),
     ]
-    rows = []
-    for case in cases:
-        began = time.perf_counter()
-        all_of_them = case in cases[:2] or case.rig is supercritical
-        rows += measure(case, seeds if all_of_them else max(seeds // 2, 2))
-        print(case.title, f'{time.perf_counter() - began:.0f} s', flush=True)
+    many = cases[0], cases[1], cases[-1]
+    tasks = [(case, seeds if case in many else max(seeds // 2, 2)) for case in cases]
+    rows = [row for found in mapped(pool, 'cases', measure, tasks) for row in found]
     header = [
         'staircase',
         'law',
@@ -209,7 +206,7 @@ def main() -> None:
         'spread/bound',
         '95 % interval covers % (goal 95)',
     ]
-    text = (
+    return (
         'Staircases 4.0 to 7.2 m/s (0.2 m/s steps, 60 s holds; v_c = 8.0 m/s), y only, 5 um noise'
         ' at 500 Hz, full nonlinear model; and a rig of other creep, conicity and size (v_c = 14'
         ' m/s, 2 Hz, 7.0 to 12.6 m/s). "On the way" is what the same runs said earlier. The rig'
@@ -223,8 +220,8 @@ def main() -> None:
         ' early are the ones that answer), the last column says how often their intervals'
         ' hold.\n\n' + markdown(header, rows)
     )
-    publish('bench-forecast', 'Forecast of the critical speed', text, arguments.publish)
 
 
 if __name__ == '__main__':
-    main()
+    title = 'Forecast of the critical speed'
+    run(__doc__, 'bench-forecast', title, measured, seeds=(100, 2))

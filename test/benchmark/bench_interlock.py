@@ -14,11 +14,13 @@ from __future__ import annotations
 
 import copy
 import math
+from argparse import Namespace
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
 
 import numpy as np
 from detection_rigs import BENCHES, RATE_HZ, WAYS
-from tables import asked, markdown, publish
+from tables import mapped, markdown, run
 
 from hunt_ros.criteria import CRITERIA, Criterion, make_criterion
 from hunt_ros.detection import HuntingDetector
@@ -153,7 +155,7 @@ def course(loop: Loop, way: str, cycle_m: float) -> Course:
     return Course(False, acted_s, largest)
 
 
-def run(seed: int) -> dict[str, Course]:
+def kicked(seed: int) -> dict[str, Course]:
     """Make one kick; return what came of it, by who watched."""
     rng = np.random.default_rng(seed)
     bench = BENCHES['paper']
@@ -177,12 +179,9 @@ def run(seed: int) -> dict[str, Course]:
     return found
 
 
-def main() -> None:
-    arguments = asked(__doc__, kicks=(100, 2))
-    runs = []
-    for seed in range(arguments.kicks):
-        runs.append(run(seed))
-        print(seed, {way: (one.hunted, one.acted_s) for way, one in runs[-1].items()}, flush=True)
+def measured(arguments: Namespace, pool: Executor) -> str:
+    """Return the table."""
+    runs = mapped(pool, 'kicks', kicked, range(arguments.kicks))
     hunting = [one for one in runs if one['nobody'].hunted]
     rows = []
     for way, words in (
@@ -209,9 +208,8 @@ def main() -> None:
     ]
     text = f"{len(runs)} kicks of 0.8 to 1.5 A_u at 6.7 to 7.7 m/s, the paper's rig, "
     text += f'{len(hunting)} of them end in a limit cycle when nobody acts; drive: 1 m/s2, lag'
-    text += ' 0.3 s.\n\n' + markdown(header, rows)
-    publish('bench-interlock', 'The interlock', text, arguments.publish)
+    return f'{text} 0.3 s.\n\n{markdown(header, rows)}'
 
 
 if __name__ == '__main__':
-    main()
+    run(__doc__, 'bench-interlock', 'The interlock', measured, kicks=(100, 2))
