@@ -7,6 +7,9 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from runpy import run_path
+from typing import Any
+from unittest import mock
 
 import numpy as np
 from scipy.signal import lfilter
@@ -184,3 +187,11 @@ def install_driver(folder: Path, name: str, code: str, entry: str = '') -> None:
     (info / 'METADATA').write_text(f'Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n')
     entry = entry or f'{name} = {name}'
     (info / 'entry_points.txt').write_text(f'[hunt_ros.drivers]\n{entry}\n')
+
+
+def declared() -> dict[str, Any]:
+    """What setup.py declares."""
+    given: dict[str, Any] = {}
+    with mock.patch('setuptools.setup', given.update):
+        run_path(str(Path(__file__).parents[1] / 'setup.py'))
+    return given

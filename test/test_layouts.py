@@ -13,12 +13,11 @@ import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
-from runpy import run_path
 from typing import Any, NamedTuple
-from unittest import mock
 
 import pytest
 import yaml
+from made import declared
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
@@ -158,10 +157,7 @@ def test_what_the_plotjuggler_layout_names_is_published(published: dict[str, Pub
 
 def test_the_layouts_are_installed_and_documented(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    declared: dict[str, Any] = {}
-    with mock.patch('setuptools.setup', declared.update):
-        run_path('setup.py')
-    installed = dict(declared['data_files'])['share/hunt_ros/config']
+    installed = dict(declared()['data_files'])['share/hunt_ros/config']
     told = (ROOT / 'docs' / 'tools.md').read_text()
     for name in ('foxglove.json', 'plotjuggler.xml'):
         assert f'config/{name}' in installed

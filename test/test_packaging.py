@@ -18,12 +18,9 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
 from pkgutil import resolve_name
-from runpy import run_path
-from typing import Any
-from unittest import mock
 
 import pytest
-from made import python
+from made import declared, python
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[1]
@@ -55,14 +52,6 @@ ROSDEP = {
 }
 #: Extras that a lab PC has no use for: ROS is there, and these check or measure the package.
 NOT_THERE = {'ros', 'ros-kilted', 'test', 'bench', 'docs', 'colcon'}
-
-
-def declared() -> dict[str, Any]:
-    """What setup.py declares."""
-    given: dict[str, Any] = {}
-    with mock.patch('setuptools.setup', given.update):
-        run_path(str(ROOT / 'setup.py'))
-    return given
 
 
 def console_scripts() -> dict[str, str]:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from report_made import identification_of
 
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.report.comparison import comparison_diagram, comparison_table, names_of
@@ -14,13 +15,13 @@ from hunt_ros.samples import Record, Uncertain
 
 
 @pytest.fixture
-def alone(identification):
+def alone():
     """Two recordings, the second with a critical speed that is 0.3 m/s higher."""
     found = []
     for number, shift in enumerate((0.0, 0.3)):
         form = replace(PAPER_NORMAL_FORM, critical_speed=PAPER_NORMAL_FORM.critical_speed + shift)
         found.append(
-            identification(
+            identification_of(
                 form,
                 v_n=None if number else Uncertain(6.4, 0.1),
                 hysteresis_width=None,

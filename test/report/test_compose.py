@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from made import FLUTTER, flutter_runs, held, numbers, rig_settings, up_and_down
+from report_made import assert_self_contained
 
 from hunt_ros.cli.main import main
 from hunt_ros.dynamics.parameters import paper_rig
@@ -61,13 +62,13 @@ def page(report: Report, drawn: dict[str, Drawing]) -> str:
 
 
 def test_every_number_of_the_page_is_of_the_identification_or_an_event(
-    report: Report, page: str, self_contained
+    report: Report, page: str
 ) -> None:
     known = set(numbers(report.identification.to_json()))
     known |= {x for events in report.events.values() for event in events
               for x in event.numbers.values()}  # fmt: skip
     known |= set(numbers(report.document['clearances']))
-    values = self_contained(page).values
+    values = assert_self_contained(page).values
     assert {report.identification.v_c.value, report.identification.observed.v_c} <= values
     assert values <= known
 
@@ -155,7 +156,7 @@ def test_a_quiet_run_makes_a_report_that_says_what_cannot_be_known() -> None:
 
 @pytest.mark.slow
 def test_the_command_writes_page_figures_and_json(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], self_contained
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from hunt_ros.bag.record_writer import write_record
 
@@ -175,14 +176,12 @@ def test_the_command_writes_page_figures_and_json(
             assert path.read_bytes().startswith(b'\x89PNG')
     page = out.read_text(encoding='utf-8')
     assert '<h1>Run &lt;7&gt;</h1>' in page
-    assert json.loads(result.read_text())['v_c']['value'] in self_contained(page).values
+    assert json.loads(result.read_text())['v_c']['value'] in assert_self_contained(page).values
     assert not list(tmp_path.glob('*.part'))
 
 
 @pytest.mark.skipif(not FLUTTER.is_dir(), reason='the flutter-rig recordings are not there')
-def test_a_campaign_on_a_real_rig_claims_no_fold_and_draws_what_was_measured(
-    self_contained,
-) -> None:
+def test_a_campaign_on_a_real_rig_claims_no_fold_and_draws_what_was_measured() -> None:
     report = Report(identify(flutter_runs('17092018_CBC_V???_*HB.mat')))
     page = report.html(report.drawings())
     # The quintic form does not fit this rig: no fold may be claimed.
@@ -192,7 +191,7 @@ def test_a_campaign_on_a_real_rig_claims_no_fold_and_draws_what_was_measured(
     amplitudes = [state.amplitude for state in report.identification.steady_states]
     assert len(amplitudes) >= 20
     assert 0.02 < min(amplitudes) < max(amplitudes) < 0.15
-    assert set(amplitudes) <= self_contained(page).values
+    assert set(amplitudes) <= assert_self_contained(page).values
     assert '<b>Fig. 6</b>' in page
     # There is no roller: nothing may be called its roughness.
     assert all(

@@ -8,6 +8,7 @@ from typing import Any
 
 from hypothesis import given
 from hypothesis import strategies as st
+from report_made import assert_self_contained
 
 from hunt_ros.report.page import figure, render
 
@@ -19,8 +20,8 @@ def a_page(document: dict[str, Any], title: str = 'A run', text: str = '') -> st
     return render(title, '<p>Lead.</p>', [('loop', f'Loop {text}', drawing)], document)
 
 
-def test_the_page_needs_nothing_but_itself(self_contained) -> None:
-    parsed = self_contained(a_page(DOCUMENT))
+def test_the_page_needs_nothing_but_itself() -> None:
+    parsed = assert_self_contained(a_page(DOCUMENT))
     assert parsed.scripts == ['application/json']
 
 
@@ -46,9 +47,9 @@ def test_the_document_stands_in_the_page_to_the_last_bit() -> None:
 
 
 @given(st.text(), st.text())
-def test_no_text_can_break_out_of_the_page(self_contained, text: str, title: str) -> None:
+def test_no_text_can_break_out_of_the_page(text: str, title: str) -> None:
     nasty = f'</script></style><script src="http://x">{text}'
     page = a_page({'warnings': [nasty, text]}, title + nasty, nasty)
-    parsed = self_contained(page)
+    parsed = assert_self_contained(page)
     assert parsed.scripts == ['application/json']
     assert embedded(page)['warnings'] == [nasty, text]

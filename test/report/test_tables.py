@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import pytest
 from made import numbers
+from report_made import identification_of
 
 from hunt_ros.detection import Event
 from hunt_ros.detection.regions import Level
@@ -17,8 +17,6 @@ from hunt_ros.identification.result import Identification
 from hunt_ros.report import tables, words
 from hunt_ros.report.numbers import interval, shown
 from hunt_ros.samples import Record, Series, Uncertain
-
-Make = Callable[..., Identification]
 
 DATA = re.compile(r'<data value="([^"]+)">(.*?)</data>', re.DOTALL)
 
@@ -34,10 +32,8 @@ def everything(one: Identification) -> str:
     )  # fmt: skip
 
 
-def test_every_number_shown_is_a_number_of_the_json_and_every_quantity_is_shown(
-    identification: Make,
-) -> None:
-    one = identification()
+def test_every_number_shown_is_a_number_of_the_json_and_every_quantity_is_shown() -> None:
+    one = identification_of()
     text = everything(one)
     values = {float(value) for value, _ in DATA.findall(text)}
     assert values <= set(numbers(one.to_json()))
@@ -53,13 +49,13 @@ def test_every_number_shown_is_a_number_of_the_json_and_every_quantity_is_shown(
     assert wanted <= values
 
 
-def test_the_paper_stands_beside_its_own_rig_as_published(identification: Make) -> None:
-    text = tables.coefficients(identification())
+def test_the_paper_stands_beside_its_own_rig_as_published() -> None:
+    text = tables.coefficients(identification_of())
     for published in ('0.12', '2030', '−0.06', '−360', '−4.2 × 10<sup>7</sup>'):
         assert f'<td>{published}</td>' in text
-    one = identification()
+    one = identification_of()
     faster = [replace(state, speed=state.speed + 17.0) for state in one.steady_states]
-    for other in (identification(length_scale=0.1), identification(steady_states=faster)):
+    for other in (identification_of(length_scale=0.1), identification_of(steady_states=faster)):
         text = tables.coefficients(other) + tables.critical_speeds(other)
         assert 'paper' not in text
         assert '<td>2030</td>' not in text
@@ -78,10 +74,10 @@ def test_the_paper_stands_beside_its_own_rig_as_published(identification: Make) 
     ],
 )
 def test_what_is_not_known_is_shown_with_its_reason_and_listed(
-    identification: Make, key: str, fields: dict[str, Any]
+    key: str, fields: dict[str, Any]
 ) -> None:
     reason = '<cannot> be told from these data & that is why'
-    text = everything(identification(**fields, unknown={key: reason}))
+    text = everything(identification_of(**fields, unknown={key: reason}))
     escaped = '&lt;cannot&gt; be told from these data &amp; that is why'
     assert f'not known: {escaped}' in text
     assert f'<code>{key}</code>' in text
@@ -90,13 +86,13 @@ def test_what_is_not_known_is_shown_with_its_reason_and_listed(
         assert word not in text
 
 
-def test_a_missing_uncertainty_is_said(identification: Make) -> None:
-    one = identification(v_c=Uncertain(8.0, math.nan, math.nan, math.nan))
+def test_a_missing_uncertainty_is_said() -> None:
+    one = identification_of(v_c=Uncertain(8.0, math.nan, math.nan, math.nan))
     assert 'uncertainty not known' in tables.critical_speeds(one)
 
 
-def test_nothing_unknown_is_said_as_such(identification: Make) -> None:
-    assert 'every quantity' in tables.unknowns(replace(identification(), unknown={}))
+def test_nothing_unknown_is_said_as_such() -> None:
+    assert 'every quantity' in tables.unknowns(replace(identification_of(), unknown={}))
 
 
 def test_events_stand_in_the_order_of_time_with_what_is_not_known() -> None:
@@ -121,7 +117,7 @@ def test_events_stand_in_the_order_of_time_with_what_is_not_known() -> None:
     assert 'none' in tables.events({}, [record])
 
 
-def test_where_a_scale_is_not_the_rigs_own_stands_beside_it(identification: Make) -> None:
-    text = tables.fit_quality(identification())
+def test_where_a_scale_is_not_the_rigs_own_stands_beside_it() -> None:
+    text = tables.fit_quality(identification_of())
     assert re.search(r'0\.0485\d*</data> \(rig of the paper\)', text)
     assert re.search(r'</data> \(given\)', text)

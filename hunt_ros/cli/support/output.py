@@ -6,16 +6,12 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 from hunt_ros.files import write_whole
 
-
-class Advance(Protocol):
-    """Show in the progress bar how far the work is."""
-
-    def __call__(self, fraction: float) -> None:
-        """Set the bar to `fraction` of the work, 0 to 1."""
+#: Shows in the progress bar which fraction of the work is done, 0 to 1.
+Advance: TypeAlias = Callable[[float], None]
 
 
 def write_json(document: Mapping[str, Any], target: str) -> None:

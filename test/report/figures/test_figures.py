@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
+from report_made import identification_of, identified_form
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds, SteadyState
 from hunt_ros.detection import Event
@@ -18,7 +18,6 @@ from hunt_ros.detection.regions import Level
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.identification.posterior import BranchPoint
-from hunt_ros.identification.result import Identification
 from hunt_ros.report.choice import either_side, four_states
 from hunt_ros.report.figures.bifurcation import hysteresis_loop, identified_diagram
 from hunt_ros.report.figures.diagram import (
@@ -33,9 +32,6 @@ from hunt_ros.report.figures.response_panels import response_panels
 from hunt_ros.report.figures.style import journal_style, new_figure
 from hunt_ros.report.response import response_of
 from hunt_ros.samples import Record, Series, Uncertain
-
-Make = Callable[..., Identification]
-Identified = Callable[..., IdentifiedNormalForm]
 
 SUPERCRITICAL = replace(PAPER_NORMAL_FORM, D4=-2030.0)
 
@@ -104,8 +100,8 @@ def test_the_branches_of_a_supercritical_form_leave_zero_at_v_c() -> None:
 # --- bands ----------------------------------------------------------------------------
 
 
-def test_the_bands_hold_the_branch_and_so_many_of_the_draws(identified: Identified) -> None:
-    one = identified()
+def test_the_bands_hold_the_branch_and_so_many_of_the_draws() -> None:
+    one = identified_form()
     bands = bands_of_draws(one, 6.0, 9.0)
     speed, lower, upper = bands['unstable']
     inside = np.abs(speed - 7.2) < 0.02
@@ -135,10 +131,8 @@ def test_the_bands_are_the_intervals_of_the_branches() -> None:
 
 
 @pytest.mark.parametrize('form', [PAPER_NORMAL_FORM, SUPERCRITICAL])
-def test_the_measured_points_stand_where_they_were_measured(
-    form: NormalForm, identification: Make
-) -> None:
-    one = identification(form)
+def test_the_measured_points_stand_where_they_were_measured(form: NormalForm) -> None:
+    one = identification_of(form)
     up = [state for state in one.steady_states if state.direction == 'up']
     for figure in (hysteresis_loop(one), identified_diagram(one)):
         points = [
@@ -154,19 +148,17 @@ def test_the_measured_points_stand_where_they_were_measured(
         assert '(mm)' in words(figure)
 
 
-def test_the_hysteresis_loop_names_the_observed_speeds_and_the_panels(
-    identification: Make,
-) -> None:
-    figure = hysteresis_loop(identification(), {'a': (6.0, 2e-5), 'd': (7.2, 6.3e-4)})
+def test_the_hysteresis_loop_names_the_observed_speeds_and_the_panels() -> None:
+    figure = hysteresis_loop(identification_of(), {'a': (6.0, 2e-5), 'd': (7.2, 6.3e-4)})
     text = words(figure)
     for part in ('$v_c$ observed\n7.70 m/s', '$v_n$ observed\n6.51 m/s', '(a)', '(d)'):
         assert part in text
-    nothing = identification(observed=ObservedCriticalSpeeds())
+    nothing = identification_of(observed=ObservedCriticalSpeeds())
     assert 'observed' not in words(hysteresis_loop(nothing))
 
 
-def test_no_measured_point_is_cut_by_the_axis(identification: Make) -> None:
-    one = identification()
+def test_no_measured_point_is_cut_by_the_axis() -> None:
+    one = identification_of()
     states = [replace(state, amplitude=0.0) for state in one.steady_states[:2]]
     (axes, *_) = hysteresis_loop(replace(one, steady_states=states)).axes
     low, high = axes.get_ylim()

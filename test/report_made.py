@@ -1,15 +1,13 @@
-"""An identification of a known rig: what the tests of the report draw."""
+"""An identification of a known rig, and what a page may hold: for the tests of the report."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
 from typing import Any
 
 import numpy as np
-import pytest
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds, SteadyState
 from hunt_ros.dynamics.identified import PARAMETERS, IdentifiedNormalForm
@@ -143,21 +141,3 @@ def assert_self_contained(page: str) -> Outline:
     targets = [address[1:] for address in parsed.addresses]
     assert set(targets) <= set(parsed.identifiers)
     return parsed
-
-
-@pytest.fixture(scope='session')
-def self_contained() -> Callable[[str], Outline]:
-    """Check that a page loads nothing and runs nothing; return what is in it."""
-    return assert_self_contained
-
-
-@pytest.fixture
-def identified() -> Callable[..., IdentifiedNormalForm]:
-    """Make an identified form with a covariance; of the paper's by default."""
-    return identified_form
-
-
-@pytest.fixture
-def identification() -> Callable[..., Identification]:
-    """Make an identification with measured points; of the paper's form by default."""
-    return identification_of
