@@ -225,10 +225,10 @@ class RollerCommand:
         before = measured_mps if math.isnan(self._last) else self._last
         if self.forced:  # on its way down it never rises
             self._pending_rate = 0.0
+            if not math.isnan(before):  # nor where it was not known how slow the roller is
+                self.forced_mps = min(self.forced_mps, before)
             if self.stopped or math.isnan(before):
                 return self.forced_mps if self.stopped else None
-            # Nor where it was not known how slow the roller is, as at a start.
-            self.forced_mps = min(self.forced_mps, before)
             fallen = self.limits.safe_deceleration_mps2 * passed_s
             return max(self.forced_mps, min(before, self._begin_mps) - fallen)
         if math.isnan(before):
