@@ -30,7 +30,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Identify, and say what was found; 1 where the data carry no normal form."""
-    result = identified(arguments)
+    _, result = identified(arguments)
     if arguments.out and result.normal_form is None:
         print(f'hunt identify: {arguments.out} is not written: no normal form', file=sys.stderr)
     elif arguments.out and result.normal_form is not None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from hunt_ros.bag.clips import clips_of
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import progress, tell
-from hunt_ros.cli.support.recordings import add_recordings, records_of, settings_of
+from hunt_ros.cli.support.recordings import add_recordings, identified, settings_of
 from hunt_ros.errors import ConfigError
 from hunt_ros.files import write_whole
 from hunt_ros.identification import Identification, identify
@@ -45,13 +45,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.compare and not 2 <= given <= MOST:
         raise ConfigError(f'--compare: {counted(given, "recording")}, expected 2 to {MOST}')
     settings = settings_of(arguments)
-    with progress('reading') as advance:
-        records = records_of(arguments, advance)
-    with progress('identifying') as advance:
-        identification = identify(records, settings, advance)
+    records, identification = identified(arguments, here=True)
     alone: list[Identification] = []
-    for record in records if arguments.compare else ():
-        with progress(f'identifying {record.source}') as advance:
+    for number, record in enumerate(records if arguments.compare else (), start=1):
+        with progress(f'identifying recording {number}') as advance:
             alone.append(identify([record], settings, advance))
     with progress('detecting') as advance:
         events, loads, clearances = {}, [], {}

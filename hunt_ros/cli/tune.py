@@ -8,10 +8,9 @@ from functools import partial
 
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import progress, tell
-from hunt_ros.cli.support.recordings import add_recordings, records_of, settings_of
+from hunt_ros.cli.support.recordings import add_recordings, identified
 from hunt_ros.detection import DetectorConfig
 from hunt_ros.errors import ConfigError
-from hunt_ros.identification import identify
 from hunt_ros.report.figures.style import write_picture
 from hunt_ros.report.tuning import Outcome, Truth, picture, tune, usual_grid
 
@@ -37,14 +36,10 @@ def run(arguments: argparse.Namespace) -> int:
     (config,) = options.settings_of(arguments, 'hunting_detector', DetectorConfig)
     form = options.read_form(arguments.normal_form) if arguments.normal_form else None
     asked = dict(map(_values, arguments.grid))
-    settings = settings_of(arguments)
-    with progress('reading') as advance:
-        records = records_of(arguments, advance)
-    with progress('what is true') as advance:
-        found = identify(records, settings, advance)
+    _, found = identified(arguments, here=True)
     grid = asked or usual_grid(found, form is not None)
     with progress('replaying') as advance:
-        truths, outcomes = tune(found, config, form, grid, settings.cluster, advance)
+        truths, outcomes = tune(found, config, form, grid, arguments.cluster or '', advance)
     if arguments.out and outcomes[0].harmless_s:
         write_picture(picture(outcomes), arguments.out)
     tell(

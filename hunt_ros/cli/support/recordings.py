@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import argparse
 import socket
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from hunt_ros.bag import ChannelSource, check_units, read_record
 from hunt_ros.cli.support import options
-from hunt_ros.cli.support.output import Advance, progress
+from hunt_ros.cli.support.output import progress
 from hunt_ros.errors import ConfigError, HuntError
 from hunt_ros.identification import Identification, IdentificationSettings, Source, identify
 from hunt_ros.rig import Rig
@@ -80,31 +80,37 @@ def _reach(address: str) -> None:
         ) from error
 
 
-def records_of(arguments: argparse.Namespace, advance: Advance) -> list[Record]:
-    """Read the recordings."""
-    records = []
-    for count, reading in enumerate(_readings(arguments), start=1):
-        records.append(reading())
-        advance(count / len(arguments.bags))
-    return records
-
-
-def identified(arguments: argparse.Namespace) -> Identification:
+def identified(
+    arguments: argparse.Namespace, here: bool = False
+) -> tuple[list[Source], Identification]:
     """
     Identify the recordings; with `--cluster` its workers read them.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        With the options of `add_recordings`.
+    here : bool
+        Read them in this process all the same.
+
+    Returns
+    -------
+    list of Record, or of what reads one where `--cluster` does
+    Identification
 
     Raises
     ------
     HuntError
         If they cannot be read.
     """
-    settings = settings_of(arguments)
-    sources: Sequence[Source] = _readings(arguments)
-    if not arguments.cluster:
-        with progress('reading') as advance:
-            sources = records_of(arguments, advance)
+    settings, sources = settings_of(arguments), _readings(arguments)
+    with progress('reading') as advance:
+        given: list[Source] = [*sources] if arguments.cluster and not here else []
+        for reading in sources[len(given) :]:
+            given.append(reading())
+            advance(len(given) / len(sources))
     with progress('identifying') as advance:
-        return identify(sources, settings, advance)
+        return given, identify(given, settings, advance)
 
 
 def known_of(arguments: argparse.Namespace) -> Identification:
@@ -120,7 +126,7 @@ def known_of(arguments: argparse.Namespace) -> Identification:
     """
     path = Path(arguments.bags[0])
     if len(arguments.bags) > 1 or path.suffix != '.yaml':
-        return identified(arguments)
+        return identified(arguments)[1]
     form = options.read_form(path)
     if not whole_of(path).exists():
         raise ConfigError(

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bags_made import assert_same, make_record
-from made import FLUTTER
 from scipy.io import savemat
 
 from hunt_ros.bag import read_record, write_record
@@ -242,19 +241,6 @@ def test_a_pickle_is_never_opened(tmp_path: Path) -> None:
     np.save(tmp_path / 'a.npy', np.array([{'a': 1}], dtype=object), allow_pickle=True)
     with pytest.raises(BagError, match='cannot be read'):
         load_table(tmp_path / 'a.npy')
-
-
-@pytest.mark.skipif(not FLUTTER.is_dir(), reason='the flutter-rig recordings are not there')
-def test_a_real_recording_is_imported_to_the_last_bit(tmp_path: Path) -> None:
-    from scipy.io import loadmat
-
-    file = FLUTTER / '17092018_CBC_V163_BackFromHB.mat'
-    data = loadmat(file)['data']
-    record = read_record(import_file(file, tmp_path / 'run', MAPPING, rate_hz=250.0))
-    np.testing.assert_array_equal(record['yaw'].values, data[0])
-    np.testing.assert_array_equal(record['lateral'].values, data[1] * 0.47)
-    assert record.duration_s == pytest.approx(29.996)
-    assert record['yaw'].rate_hz == pytest.approx(250.0)
 
 
 @pytest.mark.parametrize(

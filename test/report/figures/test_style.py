@@ -37,17 +37,6 @@ def test_an_inline_figure_is_well_formed_and_carries_no_address() -> None:
     assert '<style' not in text or '@import' not in text
 
 
-def test_every_reference_inside_a_figure_is_to_itself() -> None:
-    text = style.inline_svg(drawing(), 'fig06', 'a loop')
-    identifiers = re.findall(r'\bid="([^"]+)"', text)
-    assert len(identifiers) == len(set(identifiers))
-    # So no two figures of a page share one.
-    assert all(name.startswith('fig06-') for name in identifiers)
-    wanted = set(re.findall(r'href="#([^"]+)"', text)) | set(re.findall(r'url\(#([^)]+)\)', text))
-    assert wanted
-    assert wanted <= set(identifiers)
-
-
 def test_the_colours_of_an_inline_figure_follow_the_page() -> None:
     text = style.inline_svg(drawing(), 'fig06', 'a loop')
     left = set(re.findall(r'#[0-9a-fA-F]{6}\b', text))
