@@ -264,7 +264,7 @@ def _hunting_frequency(
     stretches = [stretch for _, _, stretch in places]
     chosen = [places[k] for k in looked_at(stretches)]
     motions = mapped(motion_in, [one for one, _, _ in chosen], [k for _, k, _ in chosen])
-    turns = [one.digest.turns_per_metre for one in recordings if one.digest.measures]
+    turns = [one.digest.turns_per_metre for one in recordings if one.digest.stretches]
     seen = [one for one in turns if math.isfinite(one)]
     roller = float(np.median(seen)) if seen else math.nan
     known = [order * roller for order in settings.orders.tolist() if seen]
