@@ -17,7 +17,7 @@ from hunt_ros.analysis.steady_state import hunting_threshold, observed_critical_
 from hunt_ros.dynamics.growth_law import GrowthScales
 from hunt_ros.dynamics.mode_shape import ModeShape, fitted_shape
 from hunt_ros.errors import IdentificationError
-from hunt_ros.estimation.record_lines import ForcedLine, RecordLines
+from hunt_ros.estimation.record_lines import RecordLines
 from hunt_ros.identification.bracket import bracket_of
 from hunt_ros.identification.executors import Mapper, Tell, collected, mapper
 from hunt_ros.identification.fit import fit_laws
@@ -102,10 +102,8 @@ def identify(
     with mapper(settings.cluster) as mapped:
         recordings = _usable(sources, settings, mapped, warnings, lambda part: tell(_READ * part))
         settings = _with_resolution(settings, recordings, warnings)
-        frequency, forced = _hunting_frequency(recordings, settings, mapped, warnings)
-        # The way alone does not tell the angle of one that follows the speed well enough.
-        fixed = [line.frequency_hz for line in forced if math.isfinite(line.frequency_hz)]
-        work = partial(runs_in, frequency_hz=frequency, fixed_hz=fixed)
+        frequency, fixed, turning = _hunting_frequency(recordings, settings, mapped, warnings)
+        work = partial(runs_in, frequency_hz=frequency, fixed_hz=fixed, turning=turning)
         runs = _runs(
             recordings,
             work,
@@ -253,9 +251,11 @@ def _hunting_frequency(
     settings: IdentificationSettings,
     mapped: Mapper,
     warnings: list[str],
-) -> tuple[float, list[ForcedLine]]:
+) -> tuple[float, list[float], list[float]]:
     """
-    Look for the hunting and for lines that are none: its frequency, Hz, and those lines.
+    Look for the hunting and for lines that are none.
+
+    Returns its frequency, and those lines: at one frequency, Hz, and in turns of the roller.
 
     A roller whose angle nobody gave is known by its line: where one is found, the recordings are
     read again with the diameter that it tells.
@@ -294,7 +294,10 @@ def _hunting_frequency(
             ' roller_diameter_m (--set) gives it'
         )
     warnings += [line.words(roller) for line in forced]
-    return frequency, forced
+    fixed = [line.frequency_hz for line in forced if math.isfinite(line.frequency_hz)]
+    # The way alone does not tell the angle well enough, that of the roller does.
+    turning = [line.turns_per_metre / roller for line in forced]
+    return frequency, fixed, [order for order in turning if math.isfinite(order)]
 
 
 def _runs(

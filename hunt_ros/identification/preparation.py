@@ -141,6 +141,7 @@ def runs_in(
     frequency_hz: float,
     clearance_m: float,
     fixed_hz: Sequence[float] = (),
+    turning: Sequence[float] = (),
 ) -> tuple[list[Run], list[str]]:
     """
     Return envelope, segments and steady amplitudes of each of its stretches.
@@ -153,8 +154,8 @@ def runs_in(
         Of the hunting.
     clearance_m : float
         Amplitude at which a flange touches; 0: not known.
-    fixed_hz : sequence of float
-        Lines of one frequency that are taken out beside those of the roller.
+    fixed_hz, turning : sequence of float
+        Lines of one frequency, and in turns of the roller, that are taken out beside the known.
 
     Returns
     -------
@@ -169,7 +170,7 @@ def runs_in(
     for channels in stretches:
         channels = channels.with_yaw(record)
         channels = replace(channels, source=recording.name or channels.source)
-        seen, clean = tracked_envelope(channels, frequency_hz, settings, fixed_hz)
+        seen, clean = tracked_envelope(channels, frequency_hz, settings, fixed_hz, turning)
         envelope = free_of_contact(seen, clearance_m, said)
         if np.isfinite(envelope.amplitude).sum() < 4:
             least = FEWEST_SAMPLES * frequency_hz / WINDOW_CYCLES

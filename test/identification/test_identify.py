@@ -263,6 +263,18 @@ def test_the_line_of_a_roller_tells_its_diameter_where_nobody_did(make):
     assert found.v_n.value == pytest.approx(told.v_n.value, abs=0.05)
 
 
+def test_the_line_of_another_wheel_is_taken_out_by_the_angle_of_the_roller(records, from_sweep):
+    (sweep,) = records['sweep']
+    lateral, roller = sweep['lateral'], sweep['roller']
+    angle = np.interp(lateral.stamps_ns, roller.stamps_ns, roller.values)
+    geared = changed(sweep, lateral=lateral.values + 3e-5 * np.cos(0.6 * angle))
+    result = identify([geared])
+    assert any("at 0.6 times the roller's turn" in warning for warning in result.warnings)
+    for found, known in ((result.v_c, from_sweep.v_c), (result.v_n, from_sweep.v_n)):
+        assert abs(found.value - known.value) < 0.3 * known.std
+        assert found.std < 1.2 * known.std
+
+
 def test_scales_are_only_units(records, from_sweep):
     settings = IdentificationSettings(length_scale_m=0.1, time_scale_s=0.1)
     other = identify(records['sweep'], settings)

@@ -55,6 +55,7 @@ def tracked_envelope(
     frequency_hz: float,
     settings: IdentificationSettings,
     fixed_hz: Sequence[float] = (),
+    turning: Sequence[float] = (),
 ) -> tuple[Envelope, Channels]:
     """
     Envelope in a frame that follows the mode's own frequency.
@@ -71,8 +72,8 @@ def tracked_envelope(
         First guess.
     settings : IdentificationSettings
         Says which lines of the roller are taken out.
-    fixed_hz : sequence of float
-        Others that are, at the same frequency at every speed.
+    fixed_hz, turning : sequence of float
+        Others that are, at the same frequency at every speed, and in turns of the roller.
 
     Returns
     -------
@@ -84,13 +85,14 @@ def tracked_envelope(
     stride = max(int(record.rate_hz / (_COARSE * frequency_hz)), 1)
     coarse = replace(record.part(slice(None, None, stride)), yaw=None)
     constant = np.full(coarse.time.size, frequency_hz)
-    first = envelope_of(free_of_lines(coarse, constant, settings.orders, fixed_hz)[0], constant)
+    lines = settings.orders, fixed_hz, turning
+    first = envelope_of(free_of_lines(coarse, constant, *lines)[0], constant)
     offset, along = _frequency_offset(first), np.full(record.time.size, frequency_hz)
     if offset is not None:
         # Never beyond what the first pass could have seen without folding.
         limit = 0.3 / first.step
         along += np.clip(np.interp(record.time, first.time, offset), -limit, limit)
-    clean, line_power = free_of_lines(record, along, settings.orders, fixed_hz)
+    clean, line_power = free_of_lines(record, along, *lines)
     return envelope_of(clean, along, line_power), clean
 
 

@@ -33,7 +33,11 @@ _ROUNDS = 4
 
 
 def free_of_lines(
-    channels: Channels, frequency: _F, orders: _F, fixed_hz: Sequence[float] = ()
+    channels: Channels,
+    frequency: _F,
+    orders: _F,
+    fixed_hz: Sequence[float] = (),
+    turning: Sequence[float] = (),
 ) -> tuple[Channels, _F]:
     """
     Take lines out of the lateral displacement, and of yaw where there is such a channel.
@@ -48,20 +52,23 @@ def free_of_lines(
         Of those of the roller, in its turns; they count where there is a roller channel.
     fixed_hz : sequence of float
         Of others, at the same frequency at every speed.
+    turning : sequence of float
+        Of others, in turns of the roller: what they are of is not known.
 
     Returns
     -------
     channels : Channels
         Without the lines.
     power : ndarray, shape (n,)
-        Sum of the squared amplitudes of those of the roller, m^2; NaN without a roller channel.
+        Sum of the squared amplitudes of `orders`, m^2; NaN without a roller channel.
     """
     time, hz = channels.time, float(np.median(frequency))
     some = slice(None, None, max(int(channels.rate_hz / (_SAMPLES * hz)), 1))
     known = np.isfinite(channels.lateral[some])
     steps = np.diff(time, prepend=time[0])
     own = orders.tolist() if channels.roller.size else []
-    turned = [order * channels.roller for order in own]
+    also = list(turning) if channels.roller.size else []
+    turned = [order * channels.roller for order in (*own, *also)]
     turned += [2.0 * np.pi * hz * (time - time[0]) for hz in fixed_hz]
     if not turned or known.sum() < _SAMPLES:
         return channels, np.full(time.size, np.nan)
@@ -75,7 +82,9 @@ def free_of_lines(
     power = (np.abs(phasors[: len(own)]) ** 2).sum(axis=0) if own else np.full(time.size, np.nan)
     yaw = channels.yaw
     if yaw is not None:
-        yaw, _ = free_of_lines(yaw, np.interp(yaw.time, time, frequency), orders, fixed_hz)
+        yaw, _ = free_of_lines(
+            yaw, np.interp(yaw.time, time, frequency), orders, fixed_hz, turning
+        )
     return replace(channels, lateral=channels.lateral - shown, yaw=yaw), power
 
 
