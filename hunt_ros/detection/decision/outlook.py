@@ -38,10 +38,10 @@ _PATHS, _DRAWS = 64, 200
 QUANTILES = 64
 #: Amplitudes at which the committor is computed, from this part of the limit cycle on.
 _AMPLITUDES, _LEAST = 384, 1e-3
-#: Width of the cells in which an outlook is taken as constant: of the speed, relative to v_c; of
-#: the spread of the noise intensity, and of the logarithms of this, of the quiet amplitude and of
-#: the roughness.
-_SPEED_CELL, _CELL = 0.0025, 0.1
+#: A change of the speed that asks for another outlook, relative to v_c; and the width of the cells
+#: in which one is taken as constant: of the speed, relative as well; of the spread of the noise
+#: intensity, and of the logarithms of this, of the quiet amplitude and of the roughness.
+_SPEED_STEP, _SPEED_CELL, _CELL = 0.0025, 0.0005, 0.1
 #: Where no noise is known it is this much, m^2/s: the edge is sharp.
 _NO_NOISE = 1e-18
 #: A limit cycle stands this many standard deviations of its amplitude clear of what is quiet.
@@ -119,7 +119,8 @@ class OutlookTable:
 
     def differ(self, speeds: _F, speed: float) -> NDArray[np.bool_]:
         """Return True for each speed, m/s, whose outlook is another one than that of `speed`."""
-        return np.asarray((speeds != speed) & ~(np.abs(speeds - speed) <= self._speed_cell))
+        step = self._speed_cell * (_SPEED_STEP / _SPEED_CELL)
+        return np.asarray((speeds != speed) & ~(np.abs(speeds - speed) <= step))
 
     def at(
         self, speed: float, intensity: float, spread: float, quiet: float, roughness: float
