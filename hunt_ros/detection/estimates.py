@@ -23,7 +23,7 @@ from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.estimation.kalman import HuntingTracker
 from hunt_ros.estimation.line_search import LineSearch
-from hunt_ros.estimation.tracker_config import ModePoint, Shaft, TrackerConfig
+from hunt_ros.estimation.tracker_config import Shaft, TrackerConfig
 from hunt_ros.estimation.turning import ASSUMED_ABOVE, SPEED_STD, TurningAngle, Unwrapping
 from hunt_ros.samples import CHANNELS
 from hunt_ros.sensors import DISPLACEMENTS, MOTION, SENSORS
@@ -104,11 +104,7 @@ class Estimator:
         if shape is self._shape:
             return
         self._shape = shape
-        plain = tracker_config(self.config)
-        if shape is None:
-            self._tracker.set_modes((), plain.yaw_ratio_std)
-        else:
-            self._tracker.set_modes(mode_points(shape), SCALE_STD)
+        self._tracker.set_modes(shape, SCALE_STD)
 
     def run(
         self, rows_ns: NDArray[np.int64], blocks: dict[str, Block]
@@ -299,18 +295,3 @@ def lines_known(config: DetectorConfig, speed: NDArray[np.float64]) -> NDArray[n
     line = lowest * speed / (math.pi * roller_diameter(config))
     above: NDArray[np.bool_] = line > ASSUMED_ABOVE * config.hunting_frequency_hz
     return above
-
-
-def mode_points(shape: ModeShape) -> tuple[ModePoint, ...]:
-    """Return the tables of a mode shape as the tracker takes them."""
-    return tuple(
-        ModePoint(
-            speed=float(speed),
-            frequency_hz=float(shape.frequency_hz[i]),
-            yaw_ratio=complex(shape.ratio[i, j]),
-            amplitude=float(amplitude),
-            yaw_ratio_std=float(shape.ratio_std[i, j]),
-        )
-        for i, speed in enumerate(shape.speeds)
-        for j, amplitude in enumerate(shape.amplitudes)
-    )

@@ -192,27 +192,19 @@ class RowMaker:
                 self._judging = channel
             stretch = rows[begin:end]
             lateral = channel == 'lateral'
-            size = 'judged' if lateral else 'yaw_amplitude'
-            amplitude = np.where(trusted[begin:end], stretch[size], math.nan)
-            spread = np.ascontiguousarray(stretch[f'{size}_std'])
-            outside = np.ascontiguousarray(stretch[f'outside_{channel}'])
+            if not lateral:
+                for what in ('', '_std'):
+                    stretch[f'judged{what}'] = stretch[f'yaw_amplitude{what}']
+            stretch['judged'][~trusted[begin:end]] = math.nan
+            stretch['outside_judged'] = stretch[f'outside_{channel}']
             stretch['step'] = np.nan_to_num(stretch[f'{channel}_step'], posinf=0.0)
             if not lateral and (self.config.measures('lateral') or self._numbers.known):
                 stretch['doubts'] |= np.uint32(doubts.IN_YAW)
             # The form speaks of metres.
             numbers = self._numbers if lateral else form_numbers(None)
             for part in self._outlook_stretches(stretch):
-                decisions.decide(
-                    self._rules,
-                    numbers,
-                    self.memory,
-                    amplitude[part],
-                    spread[part],
-                    outside[part],
-                    disagree[begin:end][part],
-                    trusted[begin:end][part],
-                    stretch[part],
-                )
+                given = disagree[begin:end][part], trusted[begin:end][part]
+                decisions.decide(self._rules, numbers, self.memory, *given, stretch[part])
 
     def _outlook_stretches(self, rows: NDArray[np.void]) -> Iterator[slice]:
         """Yield stretches of one outlook, which is then in the memory of the decisions."""

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import F1, I1, R1, compiled, compiled_part
+from hunt_ros.compiled import F1, F2, I1, R1, compiled, compiled_part
 from hunt_ros.detection import health
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.samples import GAP_STEPS, NANOSECONDS
@@ -94,22 +94,14 @@ class SlowChannel:
         -------
         ndarray of float64, shape (n,)
         """
-        found, self.within = np.empty(wanted_ns.size), np.zeros(wanted_ns.size)
-        after_ns, after = (_NEVER, math.nan) if following is None else following
-        _evaluate(
-            wanted_ns,
-            stamps_ns,
-            values,
-            after_ns,
-            after,
-            self._timeout,
-            self._rising,
-            self._whole,
-            self._real,
-            found,
-            self.within,
-        )
-        return found
+        count = stamps_ns.size
+        if following is not None:
+            stamps_ns, values = np.append(stamps_ns, following[0]), np.append(values, following[1])
+        found: _Values = np.empty((2, wanted_ns.size))
+        rules = count, self._timeout, self._rising
+        _evaluate(wanted_ns, stamps_ns, values, *rules, self._whole, self._real, found)
+        told, self.within = found
+        return np.asarray(told)
 
 
 @compiled
@@ -117,17 +109,15 @@ def _evaluate(
     wanted: I1,
     stamps: I1,
     values: R1,
-    after_stamp: int,
-    after: float,
+    count: int,
     timeout: int,
     rising: bool,
     whole: I1,
     real: F1,
-    found: F1,
-    within: F1,
+    found: F2,
 ) -> None:
     """
-    Run `SlowChannel.at`.
+    Run `SlowChannel.at`: samples from number `count` on are not taken in yet.
 
     whole = [stamp of the last sample, of the last valid one, and of the last repeat]; real =
     [value of the last sample (NaN: invalid), and of the last valid one, rate of the last line,
@@ -136,24 +126,22 @@ def _evaluate(
     n = 0
     for k in range(wanted.size):
         stamp = wanted[k]
-        while n < stamps.size and stamps[n] <= stamp:
+        while n < count and stamps[n] <= stamp:
             _take(stamps[n], values[n], timeout, rising, whole, real)
             n += 1
-        within[k] = real[3]
-        end, value = after_stamp, after
+        found[1, k] = real[3]
         if n < stamps.size:
-            end, value = stamps[n], values[n]
-        step = end - whole[0]
-        known = np.isfinite(value) and np.isfinite(real[0]) and not (rising and value == real[0])
-        if known and 0 < step <= timeout:
-            slope = (value - real[0]) / (step * 1e-9)
-            found[k] = real[0] + slope * ((stamp - whole[0]) * 1e-9)
-            continue
+            value, step = values[n], stamps[n] - whole[0]
+            known = np.isfinite(value - real[0]) and not (rising and value == real[0])
+            if known and 0 < step <= timeout:
+                slope = (value - real[0]) / (step * 1e-9)
+                found[0, k] = real[0] + slope * ((stamp - whole[0]) * 1e-9)
+                continue
         age = stamp - whole[1]
-        found[k] = np.nan
+        found[0, k] = np.nan
         if age <= timeout:
-            found[k] = real[1] + (real[2] * (age * 1e-9) if rising else 0.0)
-    while n < stamps.size:
+            found[0, k] = real[1] + (real[2] * (age * 1e-9) if rising else 0.0)
+    while n < count:
         _take(stamps[n], values[n], timeout, rising, whole, real)
         n += 1
 

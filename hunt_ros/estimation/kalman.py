@@ -7,8 +7,8 @@ The filter itself, and the model behind it, is in `hunt_ros.estimation.tracker.b
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,11 +17,11 @@ from hunt_ros.compiled import HAVE_COMPILER
 from hunt_ros.errors import HuntError
 from hunt_ros.estimation.tracker import layout as at
 from hunt_ros.estimation.tracker.block import ESTIMATE, track_block
-from hunt_ros.estimation.tracker_config import ModePoint, TrackerConfig
+from hunt_ros.estimation.tracker_config import TrackerConfig
 from hunt_ros.records import zeros
 from hunt_ros.sensors import COORDINATES, MOTION
 
-__all__ = ['TRACK_DTYPE', 'HuntingTracker', 'ModePoint', 'TrackerConfig']
+__all__ = ['TRACK_DTYPE', 'HuntingTracker', 'TrackerConfig']
 
 #: Parts of a row of the kernel: whose they are, and what they hold.
 _PARTS = {'coordinates': (COORDINATES, at.Motion), 'sensors': (MOTION, at.Reading)}
@@ -48,6 +48,10 @@ TRACK_DTYPE: np.dtype[np.void] = np.dtype(
 STUCK_S = 0.05
 
 _NEVER = np.iinfo(np.int64).min // 2
+#: Relative standard deviation of a ratio that is given by who knows no better.
+_RATIO_STD = 0.1
+#: Types of the columns of a sample.
+_SAMPLE = (np.int64, np.int8, np.float64, np.float64, np.float64)
 
 
 class HuntingTracker:
@@ -73,7 +77,14 @@ class HuntingTracker:
 
     def __init__(self, config: TrackerConfig | None = None) -> None:
         self.config = config or TrackerConfig()
-        self._modes = self.config.mode_table()
+        turn = 2.0 * math.pi / self.config.time_scale
+        #: Of the mode, shape (speeds, amplitudes, 6): speed; hunting frequency, in rad per unit of
+        #: the tracker's time; ratio, real and imaginary (NaN: unknown); amplitude; relative
+        #: standard deviation of the ratio.
+        self._modes = self._no_modes = np.array(
+            [[[0.0, turn * self.config.frequency_hz, math.nan, math.nan, 0.0, 0.0]]]
+        )
+        self._ratio_std = _RATIO_STD
         self.reset()
 
     def reset(self) -> None:
@@ -92,7 +103,7 @@ class HuntingTracker:
             f.ratio_var = 1.0
         else:
             f.ratio, f.ratio_known = 1.0 + 0j, True
-            f.ratio_var = self.config.yaw_ratio_std**2
+            f.ratio_var = self._ratio_std**2
         for shaft in self.config.shafts:
             slip = -1
             if shaft.slip_std > 0.0 and shaft.orders:
@@ -130,7 +141,7 @@ class HuntingTracker:
         cfg.second, cfg.scale = 1e-9 * scale, scale
         cfg.bin = round(c.bin_s / scale * 1e9) * cfg.second
         cfg.omega_min, cfg.omega_max = turn * c.frequency_min_hz, turn * c.frequency_max_hz
-        cfg.ratio_std = c.yaw_ratio_std
+        cfg.ratio_std = self._ratio_std
         # What repeats a value is a sensor, whose rate does not rise with the frequency.
         cfg.stuck = STUCK_S * max(scale, 1.0)
 
@@ -154,10 +165,10 @@ class HuntingTracker:
             Place of each one's sensor in `TrackerConfig.sensors`: 0 lateral, 1 yaw by default.
         values : array_like, shape (n,)
             SI, or any unit that stays the same.
-        roller_angle : array_like, shape (n,)
+        roller_angle : array_like, shape (n,) or ()
             Continuous angle at each sample that the lines of `TrackerConfig.shafts` turn with,
             rad; NaN: not known, no line is told apart.
-        speed : array_like, shape (n,)
+        speed : array_like, shape (n,) or ()
             Running speed at each sample, m/s; NaN: as before.
         output_ns : array_like of int64, shape (m,)
             Stamps at which estimates are wanted, increasing, also from call to call.
@@ -171,56 +182,50 @@ class HuntingTracker:
         Raises
         ------
         HuntError
-            If the arrays differ in length, there is no such sensor, or output stamps do not
-            increase; nothing has been taken in then.
+            If there is no such sensor, or output stamps do not increase; nothing has been taken
+            in then.
         """
-        stamps = np.ascontiguousarray(stamps_ns, dtype=np.int64)
-        sensors = np.ascontiguousarray(sensor, dtype=np.int8)
-        measured = np.ascontiguousarray(values, dtype=np.float64)
-        angles = np.ascontiguousarray(roller_angle, dtype=np.float64)
-        speeds = np.ascontiguousarray(speed, dtype=np.float64)
+        columns = stamps_ns, sensor, values, roller_angle, speed
+        block: list[Any] = [
+            np.ascontiguousarray(column, dtype)
+            for column, dtype in zip(np.broadcast_arrays(*columns), _SAMPLE, strict=True)
+        ]
         outputs = np.ascontiguousarray(output_ns, dtype=np.int64)
-        shape = stamps.shape
-        if len(shape) != 1 or any(a.shape != shape for a in (sensors, measured, angles, speeds)):
-            raise HuntError(
-                f'tracker: {shape} stamps, {sensors.shape} sensors, {measured.shape} values,'
-                f' {angles.shape} angles and {speeds.shape} speeds, expected one of each a sample'
-            )
-        names = [own.name for own in self.config.sensors]
-        if shape[0] and (sensors.min() < 0 or sensors.max() >= len(names)):
-            raise HuntError(
-                f'tracker: sensor numbers are {sensors.min()} to {sensors.max()}, expected 0 to'
-                f' {len(names) - 1} ({", ".join(names)})'
-            )
+        count = len(self.config.sensors)
+        if block[0].ndim != 1 or np.any((block[1] < 0) | (block[1] >= count)):
+            raise HuntError(f'tracker: expected rows of samples, of sensors 0 to {count - 1}')
         if outputs.size and (
             outputs[0] <= self._tracker.last_output
             or (outputs.size > 1 and bool(np.any(outputs[1:] <= outputs[:-1])))
         ):
             raise HuntError(f'tracker: output stamps must increase, got {outputs[0]} first')
-        numbers = np.full((outputs.size, len(TRACK_DTYPE.names or ())), math.nan)
-        track = numbers.view(TRACK_DTYPE)[:, 0]
+        numbers = np.full(outputs.size * (TRACK_DTYPE.itemsize // 8), math.nan)
+        track = numbers.view(TRACK_DTYPE)
         track['stamp_ns'] = outputs
-        samples = stamps, sensors, measured, angles, speeds
-        track_block(self._tracker, self._modes, *samples, outputs, track.view(ESTIMATE))
+        block += [outputs, track.view(ESTIMATE)]
+        track_block(self._tracker, self._modes, *block)
         return track
 
-    def set_modes(self, modes: Sequence[ModePoint], yaw_ratio_std: float | None = None) -> None:
+    def set_modes(self, shape: Any = None, ratio_std: float = _RATIO_STD) -> None:
         """
-        Use another table of modes from the next sample on; what was learnt is kept.
+        Use another mode from the next sample on; what was learnt is kept.
 
         Parameters
         ----------
-        modes : sequence of ModePoint
-            As in `TrackerConfig.modes`.
-        yaw_ratio_std : float, optional
-            As in `TrackerConfig`; None: as before.
+        shape : ModeShape, optional
+            Interpolated over speed and amplitude, held at its ends; its ratio in the units of the
+            two sensors. None: the nominal frequency, no ratio.
+        ratio_std : float
+            Prior relative standard deviation of a ratio that is given, beside its own: that of the
+            scale of the sensors, which is common to the whole table.
         """
-        self.config = replace(
-            self.config,
-            modes=tuple(modes),
-            yaw_ratio_std=self.config.yaw_ratio_std if yaw_ratio_std is None else yaw_ratio_std,
-        )
-        self._modes = self.config.mode_table()
+        self._modes, self._ratio_std = self._no_modes, ratio_std
+        if shape is not None:
+            turn = 2.0 * math.pi / self.config.time_scale
+            by_speed = shape.speeds[:, None], turn * shape.frequency_hz[:, None]
+            ratio = shape.ratio.real, shape.ratio.imag
+            columns = np.broadcast_arrays(*by_speed, *ratio, shape.amplitudes, shape.ratio_std)
+            self._modes = np.stack(columns, axis=2)
         for f in self._tracker.filters:
-            f.cfg.ratio_std = self.config.yaw_ratio_std
+            f.cfg.ratio_std = ratio_std
             f.modes_changed = True

@@ -14,8 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hunt_ros.compiled import B1, F1, F2, R1, compiled
-from hunt_ros.errors import ConfigError
+from hunt_ros.compiled import F1, F2, R1, compiled
 
 _F = NDArray[np.float64]
 
@@ -35,9 +34,13 @@ _DRIVEN = 0.6
 _KNOWN = 0.1
 #: Periods over which frequency and amplitude of a line are averaged.
 _AVERAGED = 2.0
+# Of each resonator: its state, the averages of its power and of its turning; its pole, its gain,
+# the gain of the averages, its frequency, and whether that is inside the range (0 or 1).
+_RE, _IM, _POWER, _COS, _SIN, _POLE_RE, _POLE_IM, _INTO, _AVERAGE, _HZ, _INSIDE = range(11)
 # What is remembered: two running means; rows for which a line has stood out, rows seen; a
-# line is on (0 or 1), rows since it stood out, its resonator.
-_M_MEAN, _M_SLOW, _M_STOOD, _M_SEEN, _M_ON, _M_ABSENT, _M_PLACE, _N_MEMORY = range(8)
+# line is on (0 or 1), rows since it stood out, its resonator. Behind them the gain of the means,
+# and for how many rows a line has to stand.
+_M_MEAN, _M_SLOW, _M_STOOD, _M_SEEN, _M_ON, _M_ABSENT, _M_PLACE, _M_DRIFT, _M_HOLD = range(9)
 
 
 class LineSearch:
@@ -52,14 +55,9 @@ class LineSearch:
     rate_hz : float
         Rate of the values, Hz.
     low_hz, high_hz : float
-        The range, Hz.
+        The range, Hz, inside (0, rate/2).
     orders : sequence of float
         Known lines, in multiples of the frequency given with the values.
-
-    Raises
-    ------
-    ConfigError
-        If the range is not inside (0, rate/2).
 
     Notes
     -----
@@ -70,29 +68,28 @@ class LineSearch:
     def __init__(
         self, rate_hz: float, low_hz: float, high_hz: float, orders: Sequence[float] = (1.0, 2.0)
     ) -> None:
-        if not 0.0 < low_hz < high_hz < 0.5 * rate_hz:
-            raise ConfigError(
-                f'line search: {low_hz}..{high_hz} Hz must lie inside 0..{0.5 * rate_hz} Hz'
-            )
         top = min(_BEYOND * high_hz, 0.4 * rate_hz)
         count = max(3, math.ceil(math.log(top * _BEYOND / low_hz) / _STEP))
-        self.frequencies: _F = np.geomspace(low_hz / _BEYOND, top, count)
-        turn = 2.0 * math.pi * self.frequencies / rate_hz
+        hz = np.geomspace(low_hz / _BEYOND, top, count)
+        turn = 2.0 * math.pi * hz / rate_hz
         width = np.exp(-0.5 * _BAND * turn)
-        self._poles = np.stack([width * np.cos(turn), width * np.sin(turn), 1.0 - width], axis=1)
-        inside = (self.frequencies > low_hz / _EDGE) & (self.frequencies < high_hz * _EDGE)
-        self._inside = inside.astype(np.bool_)
-        self._average = 1.0 - np.exp(-turn / (2.0 * math.pi * _AVERAGED))
-        self._slow = 1.0 - math.exp(-2.0 * math.pi * low_hz / (2.0 * _BEYOND) / rate_hz)
-        self._hold = float(round(_PERIODS * rate_hz / low_hz))
+        self._bank = np.zeros((count, _INSIDE + 1))
+        self._bank[:, _POLE_RE], self._bank[:, _POLE_IM] = (
+            width * np.cos(turn),
+            width * np.sin(turn),
+        )
+        self._bank[:, _INTO], self._bank[:, _HZ] = 1.0 - width, hz
+        self._bank[:, _AVERAGE] = 1.0 - np.exp(-turn / (2.0 * math.pi * _AVERAGED))
+        self._bank[:, _INSIDE] = (hz > low_hz / _EDGE) & (hz < high_hz * _EDGE)
+        self._memory = np.zeros(_M_HOLD + 1)
+        self._memory[_M_MEAN] = math.nan
+        slowest = 2.0 * math.pi * low_hz / (2.0 * _BEYOND) / rate_hz
+        self._memory[_M_DRIFT] = 1.0 - math.exp(-slowest)
+        self._memory[_M_HOLD] = round(_PERIODS * rate_hz / low_hz)
         #: Values after which a line that was there from the first one has been found.
         self.looks_for = math.ceil((_PERIODS + _AVERAGED * _BEYOND) * rate_hz / low_hz)
         self._rate = rate_hz
         self._orders = np.array(orders, dtype=np.float64)
-        # Of each resonator its state, and the averages of its power and of its turning.
-        self._bank = np.zeros((self.frequencies.size, 5))
-        self._memory = np.zeros(_N_MEMORY)
-        self._memory[_M_MEAN] = math.nan
 
     def update(
         self, values: ArrayLike, known_hz: ArrayLike = math.nan, followed: ArrayLike = math.nan
@@ -119,10 +116,7 @@ class LineSearch:
         known = np.ascontiguousarray(np.broadcast_to(known_hz, block.shape), dtype=np.float64)
         amplitude = np.ascontiguousarray(np.broadcast_to(followed, block.shape), dtype=np.float64)
         found = np.full((3, block.size), math.nan)
-        memory = self._orders, self._bank, self._memory
-        filters = self._poles, self._average, self.frequencies
-        limits = self._slow, self._hold
-        _search(block, known, amplitude, *memory, *filters, self._inside, *limits, found)
+        _search(block, known, amplitude, self._orders, self._bank, self._memory, found)
         place, turn, size = found
         line = np.full((2, block.size), math.nan)
         there = np.isfinite(place)
@@ -134,10 +128,10 @@ class LineSearch:
 
     def _gain(self, place: NDArray[np.intp], turn: _F) -> _F:
         """Gain of resonators, and of what is before them, at a turning in rad per value."""
-        re, im, into = self._poles[place].T
+        re, im, into = self._bank[place, _POLE_RE : _INTO + 1].T
         back = np.exp(-1j * turn)
         resonator = into / (1.0 - (re + 1j * im) * back)
-        keep = 1.0 - self._slow
+        keep = 1.0 - self._memory[_M_DRIFT]
         drift = keep * (1.0 - back) / (1.0 - keep * back)
         gain: _F = np.abs(resonator * drift * drift)
         return gain
@@ -145,22 +139,11 @@ class LineSearch:
 
 @compiled
 def _search(
-    values: R1,
-    known: R1,
-    followed: R1,
-    orders: R1,
-    bank: F2,
-    memory: F1,
-    poles: F2,
-    average: F1,
-    frequencies: F1,
-    inside: B1,
-    slow: float,
-    hold: float,
-    found: F2,
+    values: R1, known: R1, followed: R1, orders: R1, bank: F2, memory: F1, found: F2
 ) -> None:
     """Follow the power of each frequency; fill in the line that stands out, at each sample."""
-    count = frequencies.size
+    slow, hold, count = memory[_M_DRIFT], memory[_M_HOLD], bank.shape[0]
+    frequencies = bank[:, _HZ].copy()
     power = np.zeros(count)
     for i in range(values.size):
         x = values[i]
@@ -176,29 +159,30 @@ def _search(
         memory[_M_SEEN] += 1.0
         best_in = 0.0
         for j in range(count):
-            re, im = bank[j, 0], bank[j, 1]
-            bank[j, 0] = poles[j, 0] * re - poles[j, 1] * im + poles[j, 2] * x
-            bank[j, 1] = poles[j, 1] * re + poles[j, 0] * im
-            square = bank[j, 0] ** 2 + bank[j, 1] ** 2
-            bank[j, 2] += average[j] * (square - bank[j, 2])
-            bank[j, 3] += average[j] * (bank[j, 0] * re + bank[j, 1] * im - bank[j, 3])
-            bank[j, 4] += average[j] * (bank[j, 1] * re - bank[j, 0] * im - bank[j, 4])
+            own = bank[j]
+            re, im = own[_RE], own[_IM]
+            own[_RE] = own[_POLE_RE] * re - own[_POLE_IM] * im + own[_INTO] * x
+            own[_IM] = own[_POLE_IM] * re + own[_POLE_RE] * im
+            square = own[_RE] ** 2 + own[_IM] ** 2
+            own[_POWER] += own[_AVERAGE] * (square - own[_POWER])
+            own[_COS] += own[_AVERAGE] * (own[_RE] * re + own[_IM] * im - own[_COS])
+            own[_SIN] += own[_AVERAGE] * (own[_IM] * re - own[_RE] * im - own[_SIN])
             power[j] = square / frequencies[j]  # white noise: alike in all
-            if inside[j]:
+            if own[_INSIDE] > 0.0:
                 best_in = max(best_in, square)
         # Of a cosine a resonator has half the amplitude.
-        own = math.inf if math.isnan(followed[i]) else 0.25 * followed[i] * followed[i]
+        tracked = math.inf if math.isnan(followed[i]) else 0.25 * followed[i] * followed[i]
         easier = _RELAXED if memory[_M_ON] > 0.0 else 1.0
         best, place = 0.0, -1
         for j in range(1, count - 1):  # at either end it is the flank of something further out
             square = power[j] * frequencies[j]
-            if square <= best or square < _DRIVEN * bank[j, 2]:
+            if square <= best or square < _DRIVEN * bank[j, _POWER]:
                 continue
-            if square * easier**2 <= _STRONGER**2 * (own if inside[j] else best_in):
+            least = tracked if bank[j, _INSIDE] > 0.0 else best_in
+            if square * easier**2 <= _STRONGER**2 * least:
                 continue
-            if square < max(bank[j - 1, 2], bank[j + 1, 2]) and bank[j, 2] < max(
-                bank[j - 1, 2], bank[j + 1, 2]
-            ):
+            beside = max(bank[j - 1, _POWER], bank[j + 1, _POWER])
+            if square < beside and bank[j, _POWER] < beside:
                 continue
             forced = False
             for order in orders:
@@ -230,5 +214,5 @@ def _search(
         if memory[_M_ON] > 0.0:
             j = int(memory[_M_PLACE])
             found[0, i] = j
-            found[1, i] = math.atan2(bank[j, 4], bank[j, 3])
-            found[2, i] = math.sqrt(bank[j, 2])
+            found[1, i] = math.atan2(bank[j, _SIN], bank[j, _COS])
+            found[2, i] = math.sqrt(bank[j, _POWER])

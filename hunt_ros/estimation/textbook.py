@@ -74,9 +74,7 @@ def compared_amplitudes(
         (Shaft(tuple(orders)),),
         tuple(sensor for sensor in SENSORS if sensor.name == name),
     )
-    none = np.full(len(readings), math.nan)
-    sensor = np.zeros(len(readings), np.int8)
-    samples = readings.stamps_ns, sensor, readings.values, angle, none
+    samples = readings.stamps_ns, 0, readings.values, angle, math.nan
     rows = HuntingTracker(config).update(*samples, ends)
     ours = rows[f'{name}_amplitude']
     clear = ours > _CLEAR * rows[f'{name}_amplitude_std']

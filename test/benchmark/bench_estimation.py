@@ -22,7 +22,8 @@ from bounds import (
 from tables import markdown, publish
 
 from hunt_ros.compiled import HAVE_COMPILER
-from hunt_ros.estimation.kalman import HuntingTracker, ModePoint, TrackerConfig
+from hunt_ros.dynamics.mode_shape import ModeShape
+from hunt_ros.estimation.kalman import HuntingTracker, TrackerConfig
 
 hunting_signal = run_path(str(Path(__file__).parents[1] / 'estimation' / 'conftest.py'))['_signal']
 
@@ -119,15 +120,16 @@ def windows() -> str:
 
 def growth_signs() -> str:
     """Time after a kick until the sign of the growth rate is known, against the bounds."""
-    tied = TrackerConfig(modes=(ModePoint(7.2, 2.84, RATIO),), yaw_ratio_std=0.03)
+    one, none = np.ones(1), np.zeros((1, 1))
+    tied = ModeShape(7.2 * one, none[0], 2.84 * one, none + RATIO, none)
     trackers = (
-        ('y', LATERAL, TrackerConfig()),
-        ('y and psi', BOTH, TrackerConfig()),
+        ('y', LATERAL, None),
+        ('y and psi', BOTH, None),
         ('y and psi, ratio known', BOTH, tied),
     )
     rows = []
     for rate in (0.5, 0.2, 0.1):
-        for label, sensors, config in trackers:
+        for label, sensors, shape in trackers:
             times = []
             for seed in range(SEEDS // 2):
                 signal = hunting_signal(
@@ -139,7 +141,9 @@ def growth_signs() -> str:
                     second=2e-4,
                     growth=rate,
                 )
-                out, _ = signal.track(HuntingTracker(config), sensors)
+                tracker = HuntingTracker()
+                tracker.set_modes(shape, 0.03)
+                out, _ = signal.track(tracker, sensors)
                 sure = np.abs(out['growth_rate']) > 3.0 * out['growth_rate_std']
                 first = np.flatnonzero(sure & (out['stamp_ns'] > 7_000_000_000))
                 times.append(out['stamp_ns'][first[0]] * 1e-9 - 7.0 if first.size else np.inf)

@@ -46,15 +46,12 @@ def decided(
     """Return the rows of an amplitude that is known to 1 um, m."""
     rows = blank_rows(np.zeros(amplitude.size, dtype=np.int64))
     rows['speed'], rows['step'] = speed, 0.0
-    std, nowhere = np.full(amplitude.size, 1e-6), np.full(amplitude.size, math.nan)
+    rows['judged'], rows['judged_std'] = amplitude, 1e-6
     none, all_of_it = np.zeros(amplitude.size, np.bool_), np.ones(amplitude.size, np.bool_)
     decisions.decide(
         rules,
         form or form_numbers(None),
         decisions.fresh_memory() if memory is None else memory,
-        amplitude,
-        std,
-        nowhere,
         none,
         all_of_it,
         rows,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hunt_ros.estimation.kalman import HuntingTracker, TrackerConfig
+from hunt_ros.estimation.kalman import HuntingTracker
 
 AT_S, PERIOD_S, NOISE = 6.0, 1.0 / 2.84, 5e-6
 SEEDS = 20
@@ -14,7 +14,7 @@ QUIET = {'amplitude': 2.0 * NOISE, 'noise': NOISE, 'roughness': 0.0}
 
 def tracked(signal, sensors):
     """Return seconds, the rows, and the true amplitude at them."""
-    rows, phasor = signal.track(HuntingTracker(TrackerConfig(yaw_ratio_std=0.03)), sensors)
+    rows, phasor = signal.track(HuntingTracker(), sensors)
     return rows['stamp_ns'] * 1e-9, rows, np.abs(phasor)
 
 
@@ -76,5 +76,5 @@ def test_a_short_gap_and_two_absurd_samples_start_no_sensor_anew(hunting_signal)
         signal.lateral[(seconds > AT_S) & (seconds <= AT_S + gap_s)] = np.nan
         behind = np.flatnonzero(seconds > AT_S + gap_s)[:2]
         signal.lateral[behind] += 1.0
-        rows, _ = signal.track(HuntingTracker(TrackerConfig()), (0,))
+        rows, _ = signal.track(HuntingTracker(), (0,))
         assert np.isfinite(rows['lateral_amplitude'][100:]).all()

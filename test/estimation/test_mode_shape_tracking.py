@@ -5,17 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hunt_ros.estimation.kalman import HuntingTracker, ModePoint
+from hunt_ros.dynamics.mode_shape import ModeShape
+from hunt_ros.estimation.kalman import HuntingTracker
 
 RATIO = -3.94 + 2.37j
 
 
-def modes(ratio: complex = RATIO, std: float = 0.01) -> tuple[ModePoint, ...]:
-    return tuple(
-        ModePoint(v, 2.84, ratio * factor, amplitude=a, yaw_ratio_std=std)
-        for v in (6.0, 9.0)
-        for a, factor in ((0.0, 0.9), (1e-4, 1.0), (1e-3, 1.0))
-    )
+def modes(ratio: complex = RATIO, std: float = 0.01) -> ModeShape:
+    ratios = np.tile(ratio * np.array([0.9, 1.0, 1.0]), (2, 1))
+    sizes = np.array([0.0, 1e-4, 1e-3])
+    return ModeShape(np.array([6.0, 9.0]), sizes, np.full(2, 2.84), ratios, np.full((2, 3), std))
 
 
 def known(ratio: complex = RATIO) -> HuntingTracker:
@@ -79,7 +78,7 @@ def test_a_ratio_learnt_in_this_run_carries_on_with_more_doubt_elsewhere(hunting
 def test_a_shape_may_come_while_the_tracker_runs_and_go_again(hunting_signal):
     signal = hunting_signal(4, duration=9.0, noise=5e-6)
     tracker, third, found = HuntingTracker(), 3_000_000_000, []
-    for begin, shape in ((0, ()), (third, modes()), (2 * third, ())):
+    for begin, shape in ((0, None), (third, modes()), (2 * third, None)):
         tracker.set_modes(shape, 0.03)
         part = (signal.stamps > begin) & (signal.stamps <= begin + third)
         rows = tracker.update(

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-from hunt_ros.estimation.kalman import HuntingTracker, ModePoint, TrackerConfig
+from hunt_ros.dynamics.mode_shape import ModeShape
+from hunt_ros.estimation.kalman import HuntingTracker, TrackerConfig
 from hunt_ros.estimation.tracker import algebra
 from hunt_ros.estimation.tracker_config import Shaft
 from hunt_ros.sensors import SENSORS
@@ -16,8 +17,9 @@ from hunt_ros.sensors import SENSORS
 def running(hunting_signal):
     """Return two copies of a filter that has followed three sensors, a wheel with slip too."""
     shafts = (Shaft((1.0,)), Shaft((4.42,), 0.005))
-    modes = (ModePoint(0.0, 2.84, 4.6 * np.exp(2.6j)),)
-    tracker = HuntingTracker(TrackerConfig(sensors=SENSORS, shafts=shafts, modes=modes))
+    tracker = HuntingTracker(TrackerConfig(sensors=SENSORS, shafts=shafts))
+    none, ratio = np.zeros(1), np.full((1, 1), 4.6 * np.exp(2.6j))
+    tracker.set_modes(ModeShape(none, none, np.array([2.84]), ratio, np.zeros((1, 1))))
     hunting_signal(0, duration=3.0, rate=500, noise=1e-6, acceleration_noise=1e-3).track(tracker)
     filters = tracker._tracker.filters
     filters[1] = filters[0]

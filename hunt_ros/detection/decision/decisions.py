@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import B1, R1, compiled, compiled_part
+from hunt_ros.compiled import B1, compiled, compiled_part
 from hunt_ros.detection import doubts
 from hunt_ros.detection.decision import likelihood, limits, noise_floor, states
 from hunt_ros.detection.decision.form import (
@@ -105,9 +105,6 @@ def decide(
     rules: Rules,
     form: FormNumbers,
     memory: Annotated[NDArray[np.void], 1, MEMORY],
-    amplitude: R1,
-    amplitude_std: R1,
-    outside: R1,
     disagree: B1,
     trusted: B1,
     rows: Annotated[NDArray[np.void], 1, ESTIMATE_DTYPE],
@@ -121,23 +118,19 @@ def decide(
         Thresholds and normal form; the latter is not used with `form.known` false.
     memory : ndarray of MEMORY, shape (1,)
         What is remembered from the rows before.
-    amplitude, amplitude_std : ndarray, shape (m,)
-        Of the channel that is judged, m; NaN where unknown or not to be trusted.
-    outside : ndarray, shape (m,)
-        Amplitude of its motion outside the range that is followed, m; NaN: there is none.
     disagree : ndarray of bool, shape (m,)
         The two amplitude estimates differ in this row.
     trusted : ndarray of bool, shape (m,)
         There is a motion sensor to trust.
     rows : ndarray of ESTIMATE_DTYPE, shape (m,)
-        With the fields of the tracker, the speed, the step of the readings, and the doubts
-        about these. Filled in: noise floor and intensity, all that `form` knows, region
+        With the fields of the tracker, the speed, what is judged, and the doubts about these.
+        Filled in: noise floor and intensity, all that `form` knows, region
         and state with their beginning and cause, limits, doubts, alarm.
     """
     m = memory[0]
-    for k in range(amplitude.size):
+    for k in range(rows.size):
         out = rows[k]
-        a, s, v = amplitude[k], amplitude_std[k], out['speed']
+        a, s, v = out['judged'], out['judged_std'], out['speed']
         known = not math.isnan(a)
         _take_region(rules, m['region'], v, out)
         predictable = form.known and not math.isnan(v)
@@ -149,9 +142,8 @@ def decide(
             of_the_form = m['state']['hunting']['word'] != states.NO or not predictable
             if not of_the_form:
                 of_the_form = is_hunting_of(form, rules.nominal_hz, v, a, out)
-            other, undecided = states.judge(
-                rules, m['state'], m['ratios'], m['floor'], a, s, outside[k], of_the_form, out
-            )
+            parts = m['state'], m['ratios'], m['floor']
+            other, undecided = states.judge(rules, *parts, a, s, of_the_form, out)
         states.tell(rules, m['state'], m['ratios'], out)
         if known and form.known and out['state'] == states.ESCAPING:
             out['time_to_limit_cycle'] = time_to_cycle(form, v, a, out)

@@ -98,7 +98,6 @@ def judge(
     floor: Any,
     a: float,
     s: float,
-    outside: float,
     of_the_form: bool,
     out: Any,
 ) -> tuple[bool, bool]:
@@ -111,9 +110,6 @@ def judge(
         Thresholds; records of STATE, LIKELIHOOD and NOISE_FLOOR.
     a, s : float
         Amplitude and its standard deviation, m.
-    outside : float
-        Amplitude of the motion outside the range that is followed, m; NaN: there is none.
-        As large as the hunting was, it is the hunting: nothing says that this has ended.
     of_the_form : bool
         Its frequency and size may be those of the hunting, by the form; True without a form, and
         while it hunts.
@@ -137,7 +133,8 @@ def judge(
     growing &= excess > some and math.isnan(out['stable_amplitude'])
     # What is left of it is small for sure: an estimate that has just begun anew knows little.
     small = not a + _SURE * s > _SAME * memory['reference']
-    seen = not outside > _SAME * memory['reference']
+    # As large as the hunting was, it is the hunting: nothing says that this has ended.
+    seen = not out['outside_judged'] > _SAME * memory['reference']
     over = likelihood.settled(ratios) and excess < some and small and not disturbed and seen
     chance = out['escape_probability']
     beyond = chance > (_AS_LIKELY if hunting == ESCAPING else rules.probability_in)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -54,7 +52,6 @@ class Machine:
                 memory['floor'],
                 amplitude,
                 1e-6,
-                math.nan,
                 True,
                 row[0],
             )
