@@ -77,7 +77,7 @@ def refused(bag, tmp_path, capsys):
     here['NESTED'] = tmp_path / 'deep.yaml'
     here['NESTED'].write_text('[' * 20_000)
     here['FORM'] = tmp_path / 'form.yaml'
-    here['FORM'].write_text('normal_form: {v_c: 8.0, D1: fast}')
+    here['FORM'].write_text('normal_form: {v_c: 8.0, D1: fast, D4: 1, D7: 0, D10: 0, D15: -1}')
     for word, channel in (('STILL', 'lateral'), ('MUTE', 'speed')):
         here[word] = write_record(tmp_path / channel, record_of(THREE_S, **{channel: 7.0}))
 
