@@ -78,3 +78,22 @@ def test_a_short_gap_and_two_absurd_samples_start_no_sensor_anew(hunting_signal)
         signal.lateral[behind] += 1.0
         rows, _ = signal.track(HuntingTracker(), (0,))
         assert np.isfinite(rows['lateral_amplitude'][100:]).all()
+
+
+def test_kicks_that_come_each_half_second_are_followed(hunting_signal) -> None:
+    """Each is a kick, and no noise: what comes again is no reason to believe the sensors less."""
+    sure = []
+    for seed in range(SEEDS // 2):
+        rng = np.random.default_rng(seed)
+        signal = hunting_signal(seed, duration=11.0, rate=500.0, amplitude=2e-5, noise=NOISE)
+        seconds = signal.stamps * 1e-9
+        for begin in AT_S + 0.5 * np.arange(8):
+            jump = 1.5e-4 * np.exp(2j * np.pi * (rng.random() + seconds / PERIOD_S))
+            more = np.where(seconds >= begin, jump * np.exp(0.5 * (begin - seconds)), 0.0)
+            signal.phasor = signal.phasor + more
+            signal.lateral = signal.lateral + more.real
+            signal.yaw = signal.yaw + (signal.ratio * more).real
+        seconds, rows, true = tracked(signal, (0, 1))
+        error = (rows['lateral_amplitude'] / true - 1.0)[(seconds > 8.0) & (seconds < 10.0)]
+        sure.append(np.sqrt(np.mean(error**2)))
+    assert np.median(sure) < 0.14

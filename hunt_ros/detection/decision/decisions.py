@@ -142,7 +142,7 @@ def decide(
             of_the_form = m['state']['hunting']['word'] != states.NO or not predictable
             if not of_the_form:
                 of_the_form = is_hunting_of(form, rules.nominal_hz, v, a, out)
-            parts = m['state'], m['ratios'], m['floor']
+            parts = m['state'], m['ratios']
             other, undecided = states.judge(rules, *parts, a, s, of_the_form, out)
         states.tell(rules, m['state'], m['ratios'], out)
         if known and form.known and out['state'] == states.ESCAPING:

@@ -94,13 +94,6 @@ def amplitude_of(memory: Any, ratios: Any, s: float) -> float:
 
 @compiled_part
 def forget(memory: Any) -> None:
-    """Forget a floor that was learnt at another speed, or on the hunting itself."""
+    """Forget a floor that was learnt at another speed."""
     memory['square'] = math.nan
     memory['learnt'] = memory['rows'] = memory['least'] = 0.0
-
-
-@compiled_part
-def reconsider(memory: Any, a: float) -> None:
-    """Forget a floor that the hunting, now seen at amplitude `a`, m, does not stand clear of."""
-    if a * a < _LOUD * memory['square']:
-        forget(memory)

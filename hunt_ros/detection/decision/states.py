@@ -43,7 +43,7 @@ from typing import Any
 import numpy as np
 
 from hunt_ros.compiled import compiled_part
-from hunt_ros.detection.decision import likelihood, noise_floor
+from hunt_ros.detection.decision import likelihood
 from hunt_ros.detection.decision.rules import Rules, rows_of
 from hunt_ros.detection.regions import HELD, State, hold, switched
 
@@ -95,7 +95,6 @@ def judge(
     rules: Rules,
     memory: Any,
     ratios: Any,
-    floor: Any,
     a: float,
     s: float,
     of_the_form: bool,
@@ -106,8 +105,8 @@ def judge(
 
     Parameters
     ----------
-    rules, memory, ratios, floor
-        Thresholds; records of STATE, LIKELIHOOD and NOISE_FLOOR.
+    rules, memory, ratios
+        Thresholds; records of STATE and LIKELIHOOD.
     a, s : float
         Amplitude and its standard deviation, m.
     of_the_form : bool
@@ -172,13 +171,13 @@ def judge(
     changed = hold(memory['hunting'], want, rows_of(rules, wait), stamp_ns)
     if changed:
         memory['cause'] = cause
-    _follow(rules, memory, floor, changed, a, s)
+    _follow(rules, memory, changed, a, s)
     undecided = excess > likelihood.DOUBT and not falls and math.isnan(chance)
     return steady and not of_the_form, undecided
 
 
 @compiled_part
-def _follow(rules: Rules, memory: Any, floor: Any, changed: bool, a: float, s: float) -> None:
+def _follow(rules: Rules, memory: Any, changed: bool, a: float, s: float) -> None:
     """Remember how large the hunting is."""
     hunting = memory['hunting']['word']
     if hunting not in (ESCAPING, LIMIT_CYCLE):
@@ -186,8 +185,6 @@ def _follow(rules: Rules, memory: Any, floor: Any, changed: bool, a: float, s: f
     sure = likelihood.well_known(a, s)
     if changed or math.isnan(memory['reference']):
         memory['reference'] = a if changed or sure else math.nan
-        if changed and hunting == LIMIT_CYCLE:
-            noise_floor.reconsider(floor, a)
     elif hunting == ESCAPING:
         memory['reference'] = max(memory['reference'], a)
     elif sure:

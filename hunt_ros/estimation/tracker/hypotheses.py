@@ -30,7 +30,7 @@ from hunt_ros.estimation.tracker.algebra import (
     seen_of_lateral,
     slip,
 )
-from hunt_ros.estimation.tracker.ratio import loosen, squared
+from hunt_ros.estimation.tracker.ratio import squared
 from hunt_ros.estimation.tracker.tuning import stop_sensor, tune
 
 KICK_QUICK = 0.08  # s, time constant of the in-band burst detector
@@ -120,25 +120,13 @@ def open_level(f: at.Filter, k: int) -> None:
 
 
 @compiled_part
-def open_kick(f: at.Filter, k: int, dt: float) -> None:
+def open_kick(f: at.Filter, k: int) -> None:
     """Open the covariance for a kick seen by sensor k."""
-    sensor = f.sensors[k]
     x, P = f.x, f.P
     size, scale = seen_of_lateral(f, k), seen(f, k)
-    open_modes(f, min(OPENED * OPENED * scale, RESOLVED * sensor.noise) / size)
-    since = f.time - f.kick
-    if since > at.SETTLING:
-        f.kick_chain = f.time
-    # A kick is over in a quarter of a period. What goes on, or comes again at once, is noise
-    # or motion outside the model.
-    if f.time - f.kick_chain > 0.2:
-        sensor.noise *= math.exp(5.0 * dt)
-        loosen(f, 1.1)  # or the two sensors are tied by a wrong ratio
-    elif at.SETTLING < since < 2.0:
-        sensor.noise *= 1.25
-        f.log_bandwidth = min(f.log_bandwidth + 0.2, math.log(100.0))
-        loosen(f, 4.0)
-        # Or the frequency is wrong, and each beat looks like a kick.
+    open_modes(f, min(OPENED * OPENED * scale, RESOLVED * f.sensors[k].noise) / size)
+    if at.SETTLING < f.time - f.kick < 2.0:
+        # One comes again at once where the frequency is wrong: each beat looks like a kick.
         P[at.OMEGA, at.OMEGA] = max(P[at.OMEGA, at.OMEGA], at.OMEGA_STD**2)
     power = x[0] * x[0] + x[1] * x[1]
     if scale > 9.0 * power * size:
@@ -195,7 +183,7 @@ def open_for(f: at.Filter, event: int, k: int, mean: float) -> None:
     """Open the covariance for an event that sensor k sees now."""
     noise = f.noise
     if event == at.KICK:
-        open_kick(f, k, min(f.time - f.sensors[k].last, 0.05))
+        open_kick(f, k)
     else:
         open_level(f, k)
     face(f, k, mean, noise)

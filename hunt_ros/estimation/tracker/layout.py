@@ -199,7 +199,6 @@ class Filter:
     event: int  # what its covariance was last opened for: NOTHING yet, a KICK, a STEP
     opened: float  # when that was
     kick: float  # time of the last kick
-    kick_chain: float  # when the chain of kicks it belongs to began
     # speed, modes, angle
     speed: float
     speed_seen: float  # where the growth rate was last opened for a change of speed

@@ -49,7 +49,6 @@ class Machine:
                 RULES,
                 memory['state'],
                 memory['ratios'],
-                memory['floor'],
                 amplitude,
                 1e-6,
                 True,
