@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made import FLUTTER, changed, flutter_runs, without
+from made import FLUTTER, changed, flutter_runs, rig_settings, without
 
 from hunt_ros.bag import read_record
 from hunt_ros.cli.identify import describe
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.profile import Hold, Profile
+from hunt_ros.dynamics.profile import Corners, Hold, Profile
 from hunt_ros.dynamics.simulation import Kick, SensorModel, SimulationSettings, simulate
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification import IdentificationSettings, identify
@@ -494,3 +494,17 @@ def test_fast_growth_is_not_cut_out_as_a_kick(make):
     ]
     kicks = [segment for segment in identify(runs).segments if segment.kind == 'kick']
     assert not kicks
+
+
+def test_fast_reversals_beside_a_line_of_the_roller_give_the_critical_speed_with_its_deviation():
+    """What the beat with the line leaves in the amplitude is no law, and no quiet forcing."""
+    corners = [(0.0, 6.1)]
+    for _ in range(5):
+        for took, to in ((12.0, 8.3), (24.0, 8.3), (12.0, 6.1), (6.0, 6.1)):
+            corners.append((corners[-1][0] + took, to))
+    profile = Profile((Corners(*(tuple(each) for each in zip(*corners, strict=True))),))
+    settings = rig_settings(200.0, roughness=(3e-5,))
+    found = [identify(simulate(paper_rig(), settings, profile, seed=seed)) for seed in range(4)]
+    off = [abs(one.v_c.value - 8.0) / one.v_c.std for one in found if one.v_c is not None]
+    assert len(off) >= 3
+    assert sum(each < 2.5 for each in off) >= len(off) - 1

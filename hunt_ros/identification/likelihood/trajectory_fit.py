@@ -32,11 +32,12 @@ Array = NDArray[np.float64]
 #: A prior: function of the law's coefficients, expected value, standard deviation.
 Prior = tuple[Callable[[Array], float], float, float]
 
-#: Standard deviations of the prior on d ln Q / du, forcing that rises with a power of v, and
-#: on d ln Q / dw; and where they end: forcing is no other than that, it cannot stand in for
-#: what the law fails to follow.
-_SLOPES = np.array([3.0, 0.5])
-_STEEPEST = np.array([9.0, 1.0])
+#: Standard deviations of the prior on d ln Q / du, forcing that rises with a power of v, and on
+#: d ln Q / dw; and where they end. The amplitude of a limit cycle beats with the lines of the
+#: roller, and what is left of that looks like forcing that grows with the amplitude: where it may
+#: not be, the quiet motion gets the same forcing, and the law bends to explain the beat.
+_SLOPES = np.array([3.0, 1.0])
+_STEEPEST = np.array([9.0, 2.0])
 #: Gain of the log likelihood below which a fit stands: a thirtieth of a deviation.
 _GAIN = 1e-3
 #: Largest share of the roller's line that the wheelset may feel: a line acts as it is seen, or
