@@ -209,9 +209,8 @@ def compile_all(processes: int | None = None) -> int:
                 _compile_one(name)
         _write(f'all.{_TAG}.{_sources()}.complete', '\n'.join(files.values()).encode())
         for path in (_PACKAGE / 'machine_code').glob(f'{_NAME}.*.{_TAG}.*.code'):
-            if (
-                path.name not in files.values()
-            ):  # of a kernel that is gone: a wheel would carry it on
+            # Of a kernel that is gone: a wheel would carry it on.
+            if path.name not in files.values():
                 path.unlink(missing_ok=True)
     return len(missing)
 
