@@ -186,6 +186,8 @@ def test_a_campaign_on_a_real_rig_claims_no_fold_and_draws_what_was_measured() -
     page = report.html(report.drawings())
     # The quintic form does not fit this rig: no fold may be claimed.
     assert report.identification.v_n is None
+    # Nothing but limit cycles: they show no critical speed, below them or above.
+    assert report.identification.v_c is None
     assert 'Down to which speed hunting persists is <a class="unknown"' in page
     # The limit cycle grows from 21 to 137 mm over the campaign, nearly in a line.
     amplitudes = [state.amplitude for state in report.identification.steady_states]

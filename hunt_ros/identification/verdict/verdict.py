@@ -428,7 +428,9 @@ def _no_small_motion(law: GrowthLaw, evidence: Evidence) -> str:
     hunts = hunting_threshold(amplitude) is not None
     most = _SMALL * np.nanmax(amplitude) if hunts else np.inf
     small, v_c = speed[amplitude < most], law.critical_speed
-    if not small.size:
+    # Motion of one kind is a limit cycle everywhere, where rest would be unstable everywhere.
+    above = not hunts and v_c is not None and v_c < float(speed.min())
+    if above or not small.size:
         return (
             'no small motion was seen: the limit cycle does not show where rest becomes unstable'
         )
