@@ -20,7 +20,7 @@ from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ, Shaft
 from hunt_ros.forecast.damping_laws import SmoothLaw, WheelsetLaw
 from hunt_ros.forecast.levels import QuietLevels, SpeedLevel
-from hunt_ros.forecast.response import Fit, ResponseLaw, Spectra, best_fit, critical_interval
+from hunt_ros.forecast.response import Fit, ResponseLaw, Spectra, best_fit
 from hunt_ros.samples import NANOSECONDS, Uncertain
 
 #: What is looked at on a rig of the reference frequency, Hz.
@@ -238,7 +238,7 @@ class CriticalSpeedForecast:
             return Forecast(stamp_ns, None, NO_FIT, law.name, len(levels))
         self._before[law.name] = fit.theta
         modes = [law.eigenvalue(fit.theta, level.speed) for level in levels]
-        reason, critical = self._judge(law, fit)
+        reason, critical = self._judge(fit)
         return Forecast(
             stamp_ns,
             critical,
@@ -251,7 +251,7 @@ class CriticalSpeedForecast:
             fit.misfit,
         )
 
-    def _judge(self, law: ResponseLaw, fit: Fit) -> tuple[str, Uncertain | None]:
+    def _judge(self, fit: Fit) -> tuple[str, Uncertain | None]:
         """Say whether the fit supports a number, and which."""
         spectra = fit.spectra
         floor = math.exp(fit.theta[-1])
@@ -262,7 +262,7 @@ class CriticalSpeedForecast:
         if fit.misfit > WORST_MISFIT:
             return NO_FIT, None
         fastest = float(np.max(spectra.speed))
-        critical = critical_interval(law, fit, fastest)
+        critical = fit.critical_speed(fastest)
         if fastest > (1.0 + HELD) * critical.high:
             return RESTED, None
         half = 0.5 * (critical.high - critical.low)

@@ -13,6 +13,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +23,6 @@ from hunt_ros.estimation.tracker_config import REFERENCE_HZ, Shaft
 from hunt_ros.estimation.turning import SPEED_STD
 from hunt_ros.samples import NANOSECONDS
 
-#: Columns of a cell: count, sums of y, v and the roller's angle, then sums of cos and sin of each
-#: line that turns with that angle.
-COLUMNS = 4
 #: A signal that varies by less than this part of itself varies by rounding only.
 STUCK = 1e-9
 
@@ -101,83 +99,6 @@ class SpeedLevel:
         )
 
 
-def fitted_orders(shafts: Sequence[Shaft]) -> NDArray[np.float64]:
-    """Return the lines that turn with the roller's angle, in its turns: their phase is known."""
-    orders = [order for shaft in shafts if shaft.slip_std == 0.0 for order in shaft.orders]
-    return np.array(orders, dtype=np.float64)
-
-
-def level_spectrum(
-    cells: NDArray[np.float64],
-    cell_s: float,
-    band_hz: tuple[float, float],
-    roller_diameter_m: float,
-    shafts: Sequence[Shaft],
-) -> SpeedLevel:
-    """
-    Periodogram of a stretch of cells, without trend and known lines.
-
-    The lines that turn with the roller are fitted by their phase, which the encoder gives.
-    The others, and without a roller angle all, are fitted where they are strongest within their
-    slip, and the bins where they may be are left out.
-
-    Parameters
-    ----------
-    cells : ndarray, shape (n, COLUMNS + 2 * orders)
-        Sums over each cell; a cell without samples is interpolated.
-    cell_s : float
-        Length of a cell, s.
-    band_hz : (float, float)
-        Band kept, Hz.
-    roller_diameter_m : float
-        D of Eq. (1), m: how fast the roller turns where its angle is not known.
-    shafts : sequence of Shaft
-        What turns, with its lines in turns of the roller.
-    """
-    held = cells[:, 0] > 0.0
-    place = np.arange(cells.shape[0], dtype=np.float64)
-    mean = cells[held] / cells[held, :1]
-    columns = np.stack(
-        [np.interp(place, place[held], mean[:, k]) for k in range(1, cells.shape[1])], axis=1
-    )
-    y, speed = columns[:, 0], float(columns[:, 1].mean())
-    angle, lines = columns[:, 2], columns[:, 3:]
-    stuck = float(np.ptp(y)) <= STUCK * float(np.abs(y).max())
-    known = bool(np.isfinite(angle).all())
-    if not known:
-        turning = columns[:, 1] * 2.0 / roller_diameter_m
-        angle, lines = np.cumsum(turning) * cell_s, lines[:, :0]
-    place /= place.size
-    y = without_lines(y, place, (lines[:, ::2] + 1j * lines[:, 1::2]).T)
-    duration = y.size * cell_s
-    frequency = np.arange(y.size // 2 + 1) / duration
-    weight = np.ones_like(frequency)
-    roller = abs(float(np.polyfit(place * duration, angle, 1)[0])) / (2.0 * math.pi)
-    for shaft in shafts:
-        slip = shaft.slip_std if known else max(shaft.slip_std, SPEED_STD)
-        for order in shaft.orders:
-            # A fitted line takes its own bins with it; another is as wide as it may slip.
-            line = order * roller
-            width = max(3.0 / duration, 2.0 * slip * line) if slip > 0.0 else 1.5 / duration
-            weight[np.abs(frequency - line) <= width] = 0.0
-            if slip > 0.0:
-                y = without_lines(y, place, [_strongest(y, order * angle, 2.0 * slip)])
-    power = np.asarray(np.abs(np.fft.rfft(y)) ** 2 * cell_s / y.size, dtype=np.float64)
-    above = (frequency > 1.5 * band_hz[1]) & (frequency < 2.7 * band_hz[1])
-    inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
-    return SpeedLevel(
-        speed=speed,
-        duration_s=duration,
-        omega=2.0 * np.pi * frequency[inside],
-        periodogram=power[inside],
-        weight=weight[inside],
-        gain=np.sinc(frequency[inside] * cell_s) ** 2,
-        # The median of exponentially distributed bins is ln 2 times their mean.
-        floor=0.0 if stuck else float(np.median(power[above & (weight > 0.0)])) / math.log(2.0),
-        rms=math.sqrt(2.0 / duration * float((power * weight)[inside].sum())),
-    )
-
-
 def _strongest(
     y: NDArray[np.float64], phase: NDArray[np.float64], slip: float
 ) -> NDArray[np.complex128]:
@@ -223,8 +144,9 @@ class QuietLevels:
         self._most = max(math.ceil(LONGEST_S / unit_s), self._fewest)
         self._settle = math.ceil(SETTLE_S / unit_s)
         self._diameter, self._shafts = roller_diameter_m, tuple(shafts)
-        self._orders = fitted_orders(shafts)
-        self._columns = COLUMNS + 2 * self._orders.size
+        # Those that turn with the roller's angle: their phase is known.
+        orders = [order for shaft in shafts if shaft.slip_std == 0.0 for order in shaft.orders]
+        self._orders = np.array(orders, dtype=np.float64)[:, None]
         self.reset()
 
     def reset(self) -> None:
@@ -232,10 +154,8 @@ class QuietLevels:
         self.levels: list[SpeedLevel] = []
         self.closed_s = 0.0
         self.last_stamp_ns = 0
-        # Of the cell that is open, if there is one.
-        self._number: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
-        self._sums: NDArray[np.float64] = np.zeros((0, self._columns))
-        self._block = np.zeros((BLOCK, self._columns))
+        #: Samples of the block that is open: stamps, values, speeds, angles, part by part.
+        self._open: list[tuple[NDArray[Any], ...]] = []
         self._block_number: int | None = None
         self._blocks: list[NDArray[np.float64]] = []
         self._speed = 0.0
@@ -266,70 +186,114 @@ class QuietLevels:
         """
         if stamps_ns.size:
             self.last_stamp_ns = int(stamps_ns[-1])
-        numbers, cells = self._filled(stamps_ns, values, speeds, angles)
-        blocks, places = np.divmod(numbers, BLOCK)
+        good = np.isfinite(values) & np.isfinite(speeds)
+        columns = [column[good] for column in (stamps_ns, values, speeds, angles)]
+        blocks = columns[0] // (BLOCK * self._cell_ns)
         changes = (np.flatnonzero(np.diff(blocks)) + 1).tolist()
-        for begin, end in pairwise([0, *changes, numbers.size] if numbers.size else []):
+        for begin, end in pairwise([0, *changes, blocks.size] if blocks.size else []):
             block = int(blocks[begin])
             if block != self._block_number:
                 if self._block_number is not None:
-                    self._take_block()
+                    self._take_block(self._cells())
                     if block != self._block_number + 1:
                         self._close()
                     yield (self._block_number + 1) * BLOCK * self._cell_ns
-                self._block_number = block
-                self._block[:] = 0.0
-            self._block[places[begin:end]] = cells[begin:end]
+                self._block_number, self._open = block, []
+            self._open.append(tuple(column[begin:end] for column in columns))
 
-    def _filled(
-        self,
-        stamps_ns: NDArray[np.int64],
-        values: NDArray[np.float64],
-        speeds: NDArray[np.float64],
-        angles: NDArray[np.float64],
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Sum samples into cells, shape (n, columns); return those that are complete now."""
-        good = np.isfinite(values) & np.isfinite(speeds)
-        angle = angles[good]
-        turned = self._orders[:, None] * angle
+    def _cells(self) -> NDArray[np.float64]:
+        """
+        Return the sums of the open block, cell by cell.
+
+        Count, sums of y, v and the roller's angle, then of cos and sin of each line that turns
+        with that angle, shape (BLOCK, 4 + 2 orders).
+        """
+        nothing = tuple(np.zeros(0, dtype=kind) for kind in (np.int64, *3 * (np.float64,)))
+        stamps, *columns = map(np.concatenate, zip(nothing, *self._open, strict=True))
+        turned = self._orders * columns[2]
         lines = [wave for one in turned for wave in (np.cos(one), np.sin(one))]
-        samples = np.stack([np.ones(angle.size), values[good], speeds[good], angle, *lines], 1)
-        # The sum of the open cell goes on as its first sample: blocks of any size add up alike.
-        numbers = np.concatenate([self._number, stamps_ns[good] // self._cell_ns])
-        columns = np.concatenate([self._sums, samples]).T
-        first = np.diff(numbers, prepend=numbers[:1] - 1) != 0
-        cell = np.cumsum(first) - 1
-        added = [np.bincount(cell, weights=column) for column in columns]
-        sums: NDArray[np.float64] = np.array(added, dtype=np.float64).T
-        self._number, self._sums = numbers[first][-1:], sums[-1:]
-        return numbers[first][:-1], sums[:-1]
+        cell = stamps // self._cell_ns % BLOCK
+        samples = [np.ones(cell.size), *columns, *lines]
+        return np.stack([np.bincount(cell, column, BLOCK) for column in samples], axis=1)
 
     def mark_disturbed(self) -> None:
         """Close the level: what comes now is not the quiet response (a kick, hunting)."""
         self._close()
-        self._block[:] = 0.0
+        self._open = []
 
     def open_level(self) -> SpeedLevel | None:
         """Return the level that is still open; None while it is too short or not quiet."""
         blocks = self._quiet_blocks()
         if not blocks:
             return None
-        level = level_spectrum(
-            np.concatenate(blocks), self._cell_s, self._band, self._diameter, self._shafts
-        )
+        level = self._spectrum(np.concatenate(blocks))
         neighbour = self._neighbour(level)
         loud = neighbour is not None and level.rms > HUNTING * neighbour.rms
         # A stuck sensor has no noise at all.
         return level if level.floor > 0.0 and not loud else None
 
-    def _take_block(self) -> None:
+    def _spectrum(self, cells: NDArray[np.float64]) -> SpeedLevel:
+        """
+        Periodogram of a stretch of cells, without trend and known lines.
+
+        The lines that turn with the roller are fitted by their phase, which the encoder gives.
+        The others, and without a roller angle all, are fitted where they are strongest within
+        their slip, and the bins where they may be are left out. A cell without samples is
+        interpolated.
+        """
+        held = cells[:, 0] > 0.0
+        place = np.arange(cells.shape[0], dtype=np.float64)
+        mean = cells[held] / cells[held, :1]
+        columns = np.stack(
+            [np.interp(place, place[held], mean[:, k]) for k in range(1, cells.shape[1])], axis=1
+        )
+        y, speed = columns[:, 0], float(columns[:, 1].mean())
+        angle, lines = columns[:, 2], columns[:, 3:]
+        stuck = float(np.ptp(y)) <= STUCK * float(np.abs(y).max())
+        known = bool(np.isfinite(angle).all())
+        if not known:
+            turning = columns[:, 1] * 2.0 / self._diameter
+            angle, lines = np.cumsum(turning) * self._cell_s, lines[:, :0]
+        place /= place.size
+        y = without_lines(y, place, (lines[:, ::2] + 1j * lines[:, 1::2]).T)
+        duration = y.size * self._cell_s
+        frequency = np.arange(y.size // 2 + 1) / duration
+        weight = np.ones_like(frequency)
+        roller = abs(float(np.polyfit(place * duration, angle, 1)[0])) / (2.0 * math.pi)
+        for shaft in self._shafts:
+            slip = shaft.slip_std if known else max(shaft.slip_std, SPEED_STD)
+            for order in shaft.orders:
+                # A fitted line takes its own bins with it; another is as wide as it may slip.
+                line = order * roller
+                width = max(3.0 / duration, 2.0 * slip * line) if slip > 0.0 else 1.5 / duration
+                weight[np.abs(frequency - line) <= width] = 0.0
+                if slip > 0.0:
+                    y = without_lines(y, place, [_strongest(y, order * angle, 2.0 * slip)])
+        power = np.asarray(np.abs(np.fft.rfft(y)) ** 2 * self._cell_s / y.size, dtype=np.float64)
+        above = (frequency > 1.5 * self._band[1]) & (frequency < 2.7 * self._band[1])
+        inside = (frequency >= self._band[0]) & (frequency <= self._band[1])
+        return SpeedLevel(
+            speed=speed,
+            duration_s=duration,
+            omega=2.0 * np.pi * frequency[inside],
+            periodogram=power[inside],
+            weight=weight[inside],
+            gain=np.sinc(frequency[inside] * self._cell_s) ** 2,
+            # The median of exponentially distributed bins is ln 2 times their mean.
+            floor=0.0
+            if stuck
+            else float(np.median(power[above & (weight > 0.0)])) / math.log(2.0),
+            rms=math.sqrt(2.0 / duration * float((power * weight)[inside].sum())),
+        )
+
+    def _take_block(self, block: NDArray[np.float64]) -> None:
         """Put the finished block into the open level, or close that and start another."""
-        held = self._block[:, 0] > 0.0
+        held = block[:, 0] > 0.0
         if held.mean() < FILLED:
             self._close()
             return
-        speed = float(self._block[:, 2].sum() / self._block[:, 0].sum())
-        first = self._block[: BLOCK // 2]
+        speed = float(block[:, 2].sum() / block[:, 0].sum())
+        first = block[: BLOCK // 2]
         before = float(first[:, 2].sum() / max(first[:, 0].sum(), 1.0))
         limit = TOLERANCE * abs(self._speed if self._blocks else speed)
         steady = abs(before - speed) <= limit  # half the change over the block
@@ -340,7 +304,7 @@ class QuietLevels:
         if self._skip < self._settle and not self._blocks:
             self._skip += 1
             return
-        self._blocks.append(self._block.copy())
+        self._blocks.append(block)
         self._speed += (speed - self._speed) / len(self._blocks)
         if len(self._blocks) >= self._most:
             self._close()

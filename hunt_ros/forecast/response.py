@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -31,6 +30,8 @@ OWN = 0.9
 _STEP, _FAR = 1e-5, 0.5
 #: Decay times in a window beyond which its bins count as independent.
 INDEPENDENT = 15.0
+#: Bins whose residuals are summed up in a misfit.
+_GROUP = 24
 
 
 class Spectra:
@@ -77,7 +78,7 @@ class Spectra:
         eigenvalues: NDArray[np.complex128],
         residues: NDArray[np.complex128],
         leakage: bool = True,
-    ) -> NDArray[np.float64]:
+    ) -> _F:
         """
         Expected periodogram of a stationary process, each level over its own window.
 
@@ -116,8 +117,8 @@ class Spectra:
         level: int,
         eigenvalues: NDArray[np.complex128],
         residues: NDArray[np.complex128],
-        expected: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+        expected: _F,
+    ) -> _F:
         """
         Correlation of the periodogram between the bins of one level.
 
@@ -148,65 +149,26 @@ class Spectra:
             below, above = 1.0 / (rate - 1j * omega), 1.0 / (rate + 1j * omega)
             factor = residue * (np.exp(rate * span) - 1.0) / span
             joint += factor * (np.outer(below, below) + np.outer(above, above))
-        correlation: NDArray[np.float64] = np.abs(joint / np.outer(root, root)) ** 2
+        correlation: _F = np.abs(joint / np.outer(root, root)) ** 2
         np.fill_diagonal(correlation, 1.0)
         return correlation
-
-
-def expected_periodogram(
-    law: ResponseLaw, spectra: Spectra, theta: NDArray[np.float64]
-) -> NDArray[np.float64] | None:
-    """
-    Expected periodogram of the response over its noise floor.
-
-    Returns
-    -------
-    ndarray, shape (bins,), or None
-        m^2 s; None where theta makes no stationary response.
-    """
-    modes = law.modes(spectra.speed, theta)
-    if modes is None:
-        return None
-    expected: NDArray[np.float64] = spectra.of_modes(*modes) * spectra.gain + math.exp(theta[-1])
-    return expected if expected.min() > 0.0 and np.all(np.isfinite(expected)) else None
-
-
-def own_bins(law: ResponseLaw, spectra: Spectra, theta: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """
-    Return which bins show their own frequency, and not leakage.
-
-    Far from a peak the spectrum of a wheelset falls faster than the leakage of a finite
-    window. Leakage comes from the two ends of the window: however many bins it fills, it
-    is one draw, which a likelihood of independent bins would take for as many witnesses.
-
-    Returns
-    -------
-    ndarray of bool, shape (bins,)
-        True where spectrum and noise make up at least `OWN` of what is expected.
-    """
-    modes = law.modes(spectra.speed, theta)
-    expected = expected_periodogram(law, spectra, theta)
-    if modes is None or expected is None:
-        return np.ones(spectra.omega.size, dtype=np.bool_)
-    own = spectra.of_modes(*modes, leakage=False) * spectra.gain + math.exp(theta[-1])
-    return np.asarray(own >= OWN * expected, dtype=np.bool_)
 
 
 class ResponseLaw(Protocol):
     """A law with global parameters theta, each with a normal prior."""
 
     name: str
-    prior_mean: NDArray[np.float64]
-    prior_std: NDArray[np.float64]
+    prior_mean: _F
+    prior_std: _F
 
     def band(self, levels: Sequence[SpeedLevel]) -> tuple[float, float]:
         """Return the band in which the law holds, Hz."""
 
-    def starts(self, spectra: Spectra) -> list[NDArray[np.float64]]:
+    def starts(self, spectra: Spectra) -> list[_F]:
         """Return parameters from which the fit may set out."""
 
     def modes(
-        self, speed: NDArray[np.float64], theta: NDArray[np.float64]
+        self, speed: _F, theta: _F
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]] | None:
         """
         Return eigenvalues (1/s) and residues (m^2), each of shape (speeds, modes).
@@ -215,16 +177,16 @@ class ResponseLaw(Protocol):
         makes no stationary response. The last of theta is the ln of the noise floor.
         """
 
-    def critical_speed(self, theta: NDArray[np.float64]) -> float:
+    def critical_speed(self, theta: _F) -> float:
         """Return v_c, m/s; inf where the damping never vanishes."""
 
-    def eigenvalue(self, theta: NDArray[np.float64], speed: float) -> complex:
+    def eigenvalue(self, theta: _F, speed: float) -> complex:
         """Return the eigenvalue of the hunting mode, 1/s."""
 
 
-class Whittle:
+class Fit:
     """
-    Minus the logarithm of likelihood times prior of a law, and where it is least.
+    A law at some parameters, beside the spectra: what it expects, and how likely that is.
 
     The bins of a periodogram are nearly independent, and distributed about the expected spectrum
     as an exponential variable: the likelihood needs the expectation alone (Whittle 1953, J. R.
@@ -233,29 +195,40 @@ class Whittle:
     Parameters
     ----------
     law : ResponseLaw
-        Makes of parameters, shape (p,), the expected spectrum; and their priors.
     spectra : Spectra
         What was measured.
+    theta : ndarray, shape (p,)
+        Parameters of the law.
+
+    Attributes
+    ----------
+    expected : ndarray, shape (bins,)
+        The periodogram expected, its noise floor included, m^2 s.
+    cost : float
+        Minus the logarithm of likelihood times prior; infinite where theta makes no stationary
+        response: then nothing else of the fit has a meaning.
     """
 
-    def __init__(self, law: ResponseLaw, spectra: Spectra) -> None:
-        self._law, self._spectra = law, spectra
+    def __init__(self, law: ResponseLaw, spectra: Spectra, theta: _F) -> None:
+        self.law, self.spectra, self.theta = law, spectra, theta
+        self.cost, expected = math.inf, self._expected(theta)
+        self.expected: _F = spectra.power if expected is None else expected
+        if expected is not None:
+            off = (theta - law.prior_mean) / law.prior_std
+            total = spectra.cost_of(expected) + 0.5 * float(np.sum(off**2))
+            self.cost = total if math.isfinite(total) else math.inf
 
-    def _expected(self, theta: _F) -> _F | None:
-        return expected_periodogram(self._law, self._spectra, theta)
+    def _expected(self, theta: _F, leakage: bool = True) -> _F | None:
+        modes = self.law.modes(self.spectra.speed, theta)
+        if modes is None:
+            return None
+        response = self.spectra.of_modes(*modes, leakage) * self.spectra.gain
+        expected: _F = response + math.exp(theta[-1])
+        return expected if expected.min() > 0.0 and np.all(np.isfinite(expected)) else None
 
-    def cost(self, theta: _F) -> float:
-        """Return -ln of likelihood times prior; infinite where there is none."""
-        expected = self._expected(theta)
-        if expected is None:
-            return math.inf
-        off = (theta - self._law.prior_mean) / self._law.prior_std
-        total = self._spectra.cost_of(expected) + 0.5 * float(np.sum(off**2))
-        return total if math.isfinite(total) else math.inf
-
-    def slopes(self, theta: _F) -> tuple[_F, _F, _F]:
+    def slopes(self) -> tuple[_F, _F, _F]:
         """
-        Derivatives at parameters that have a likelihood.
+        Derivatives by the parameters.
 
         Returns
         -------
@@ -266,172 +239,140 @@ class Whittle:
         relative : ndarray, shape (p, n)
             Derivatives of ln of the spectrum.
         """
-        expected = self._expected(theta)
-        assert expected is not None
+        theta, expected = self.theta, self.expected
         relative = np.zeros((theta.size, expected.size))
         for k in range(theta.size):
             for step in (_STEP, -_STEP):
-                moved = theta.copy()
-                moved[k] += step
-                there = self._expected(moved)
+                there = self._expected(_moved(theta, k, step))
                 if there is not None:
                     relative[k] = (there - expected) / (step * expected)
                     break
-        law, weight = self._law, self._spectra.weight
-        gradient = relative @ (weight * (1.0 - self._spectra.power / expected))
+        law, weight = self.law, self.spectra.weight
+        gradient = relative @ (weight * (1.0 - self.spectra.power / expected))
         gradient += (theta - law.prior_mean) / law.prior_std**2
         information = (weight * relative) @ relative.T + np.diag(law.prior_std**-2.0)
         return gradient, information, relative
 
-    def least(self, theta: _F, evaluations: int = 60) -> _F | None:
+    def best(self, evaluations: int = 60) -> Fit:
         """
-        Return the parameters of least cost near others; None where those have no likelihood.
+        Return the fit of least cost near this one; itself where it has no likelihood.
 
         Fisher's scoring, damped as by Levenberg and Marquardt.
         """
-        cost, damping = self.cost(theta), 1e-2
-        if not math.isfinite(cost):
-            return None
-        while evaluations > 0:
-            gradient, information, _ = self.slopes(theta)
+        fit, damping = self, 1e-2
+        while evaluations > 0 and math.isfinite(fit.cost):
+            gradient, information, _ = fit.slopes()
             # A parameter of no influence must not make it singular.
             scale = np.diag(np.maximum(np.diag(information), 1e-12))
-            gain = 0.0
+            gain, moved = 0.0, fit
             while gain <= 0.0 and damping < 1e8 and evaluations > 0:
                 step = np.linalg.solve(information + damping * scale, -gradient)
-                moved = theta + np.clip(step, -_FAR, _FAR)
-                gain = cost - self.cost(moved)
+                moved = Fit(fit.law, fit.spectra, fit.theta + np.clip(step, -_FAR, _FAR))
+                gain = fit.cost - moved.cost
                 evaluations -= 1
                 damping = max(damping / 5.0, 1e-9) if gain > 0.0 else max(damping * 5.0, 1e-6)
             if gain > 0.0:
-                theta, cost = moved, cost - gain
+                fit = moved
             if gain < 1e-4:
                 break
-        return theta
+        return fit
+
+    def own_bins(self) -> NDArray[np.bool_]:
+        """
+        Return which bins show their own frequency, and not leakage, shape (bins,).
+
+        Far from a peak the spectrum of a wheelset falls faster than the leakage of a finite
+        window. Leakage comes from the two ends of the window: however many bins it fills, it
+        is one draw, which a likelihood of independent bins would take for as many witnesses.
+        Own are those of which spectrum and noise make up at least `OWN` of what is expected.
+        """
+        own = self._expected(self.theta, leakage=False)
+        kept = self.expected > 0.0 if own is None else own >= OWN * self.expected
+        return np.asarray(kept, dtype=np.bool_)
+
+    @property
+    def covariance(self) -> _F:
+        """
+        Covariance of theta, with the correlation of neighbouring bins (Godambe 1960).
+
+        H^-1 J H^-1 with J the variance of the score: equal to H^-1 for independent bins.
+        """
+        spectra, (_, fisher, relative) = self.spectra, self.slopes()
+        derivatives, inverse = relative.T, np.linalg.inv(fisher)
+        modes = self.law.modes(spectra.speed, self.theta)
+        assert modes is not None  # there is a likelihood
+        score = np.diag(self.law.prior_std**-2.0)
+        for level in range(spectra.speed.size):
+            inside = spectra.level == level
+            # The windows averaged in a level are independent: their weight counts once.
+            pull = derivatives[inside] * np.sqrt(spectra.weight[inside])[:, None]
+            slowest = float(np.min(-modes[0][level].real)) * float(spectra.duration[level])
+            if slowest > INDEPENDENT:
+                score += pull.T @ pull
+            else:
+                alike = spectra.correlation_of_bins(level, *modes, self.expected)
+                score += pull.T @ alike @ pull
+        return np.asarray(inverse @ score @ inverse, dtype=np.float64)
+
+    @property
+    def misfit(self) -> float:
+        """Mean square of the standardised residuals of groups of bins; 1 for the right law."""
+        spectra, squares = self.spectra, []
+        ratio = spectra.power / self.expected - 1.0
+        for level in range(spectra.speed.size):
+            inside = np.flatnonzero(spectra.level == level)
+            for part in np.array_split(inside, max(inside.size // _GROUP, 1)):
+                if part.size:
+                    weight = spectra.weight[part]
+                    squares.append(float((weight * ratio[part]).sum() ** 2 / weight.sum()))
+        return float(np.mean(squares)) if squares else 0.0
+
+    def critical_speed(self, fastest: float) -> Uncertain:
+        """
+        Return v_c with its 95 % interval, m/s.
+
+        The interval is symmetric in ln(v_c / v' - 1) with v' = 0.9 times the highest speed
+        seen, or v_c where that is lower: the further the extrapolation, the more it is open
+        towards high speeds.
+        """
+        value = self.law.critical_speed(self.theta)
+        if not math.isfinite(value):
+            return Uncertain(value, math.inf, 0.0, math.inf)
+        reference = 0.9 * min(fastest, value)
+        moved = (_moved(self.theta, k, 1e-4) for k in range(self.theta.size))
+        slope = np.array([math.log(self.law.critical_speed(one) / value) / 1e-4 for one in moved])
+        variance = max(float(slope @ self.covariance @ slope), 0.0)
+        spread = math.sqrt(variance * max(self.misfit, 1.0))
+        beyond = value / reference - 1.0
+        scaled = spread * value / (reference * beyond)
+        low, high = (
+            reference * (1.0 + beyond * math.exp(sign * min(NORMAL_95 * scaled, 30.0)))
+            for sign in (-1.0, 1.0)
+        )
+        return Uncertain(value, spread * value, low, high)
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
+def _moved(theta: _F, k: int, step: float) -> _F:
+    """Return parameters of which one is another."""
+    moved: _F = theta.copy()
+    moved[k] += step
+    return moved
+
+
+def best_fit(law: ResponseLaw, spectra: Spectra, before: _F | None = None) -> Fit | None:
     """
-    Where the likelihood is largest, and how sharply.
+    Return the fit of largest likelihood, without the bins that show leakage; None: there is none.
 
-    Parameters
-    ----------
-    theta : ndarray, shape (p,)
-    covariance : ndarray, shape (p, p)
-        Of theta: the inverse of Fisher information and prior; from `best_fit` with the
-        correlation of neighbouring bins.
-    cost : float
-        Negative logarithm of likelihood times prior.
-    misfit : float
-        Mean square of the standardised residuals of groups of bins; 1 for the right law.
-    expected : ndarray, shape (bins,)
-        The periodogram expected, m^2 s.
-    spectra : Spectra
-        The bins used: from `best_fit`, without those that show leakage.
+    From all starts of the law, and from the parameters `before`.
     """
-
-    theta: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    cost: float
-    misfit: float
-    expected: NDArray[np.float64]
-    spectra: Spectra
-
-
-def fitted(
-    law: ResponseLaw, spectra: Spectra, start: NDArray[np.float64], evaluations: int = 60
-) -> Fit | None:
-    """Return the fit of largest likelihood near `start`; None where that has none."""
-    whittle = Whittle(law, spectra)
-    theta = whittle.least(start, evaluations)
-    expected = None if theta is None else expected_periodogram(law, spectra, theta)
-    if theta is None or expected is None:
-        return None
-    covariance = np.asarray(np.linalg.inv(whittle.slopes(theta)[1]), dtype=np.float64)
-    misfit = _misfit(spectra, expected)
-    return Fit(theta, covariance, whittle.cost(theta), misfit, expected, spectra)
-
-
-def best_fit(
-    law: ResponseLaw, spectra: Spectra, before: NDArray[np.float64] | None = None
-) -> Fit | None:
-    """Return the best of the fits from all starts of the law, and from the fit `before`."""
     starts = [*law.starts(spectra), *([] if before is None else [before])]
-    fits = [fit for fit in (fitted(law, spectra, start) for start in starts) if fit is not None]
-    if not fits:
+    fits = [Fit(law, spectra, start).best() for start in starts]
+    best = min(fits, key=lambda fit: fit.cost, default=None)
+    if best is None or math.isinf(best.cost):
         return None
-    best = min(fits, key=lambda fit: fit.cost)
     for _ in range(2):
-        kept = own_bins(law, spectra, best.theta)
+        kept = Fit(law, spectra, best.theta).own_bins()
         if kept.sum() < FEWEST_BINS:
             break
-        refined = fitted(law, spectra.only(kept), best.theta)
-        if refined is None:
-            break
-        best = refined
-    return replace(best, covariance=_covariance(law, best))
-
-
-def _covariance(law: ResponseLaw, fit: Fit) -> NDArray[np.float64]:
-    """
-    Covariance of the estimate, with the correlation of neighbouring bins (Godambe 1960).
-
-    H^-1 J H^-1 with J the variance of the score: equal to H^-1 for independent bins.
-    """
-    spectra = fit.spectra
-    _, fisher, relative = Whittle(law, spectra).slopes(fit.theta)
-    derivatives, inverse = relative.T, np.linalg.inv(fisher)
-    modes = law.modes(spectra.speed, fit.theta)
-    assert modes is not None  # theta was fitted
-    score = np.diag(law.prior_std**-2.0)
-    for level in range(spectra.speed.size):
-        inside = spectra.level == level
-        # The windows averaged in a level are independent: their weight counts once.
-        pull = derivatives[inside] * np.sqrt(spectra.weight[inside])[:, None]
-        slowest = float(np.min(-modes[0][level].real)) * float(spectra.duration[level])
-        if slowest > INDEPENDENT:
-            score += pull.T @ pull
-        else:
-            score += pull.T @ spectra.correlation_of_bins(level, *modes, fit.expected) @ pull
-    return np.asarray(inverse @ score @ inverse, dtype=np.float64)
-
-
-def _misfit(spectra: Spectra, expected: NDArray[np.float64], group: int = 24) -> float:
-    """Mean square of (mean of power/expected - 1) in groups of bins, in its own deviations."""
-    squares = []
-    ratio = spectra.power / expected - 1.0
-    for level in range(spectra.speed.size):
-        inside = np.flatnonzero(spectra.level == level)
-        for part in np.array_split(inside, max(inside.size // group, 1)):
-            if part.size:
-                weight = spectra.weight[part]
-                squares.append(float((weight * ratio[part]).sum() ** 2 / weight.sum()))
-    return float(np.mean(squares)) if squares else 0.0
-
-
-def critical_interval(law: ResponseLaw, fit: Fit, fastest: float) -> Uncertain:
-    """
-    v_c with its 95 % interval.
-
-    The interval is symmetric in ln(v_c / v' - 1) with v' = 0.9 times the highest speed
-    seen, or v_c where that is lower: the further the extrapolation, the more it is open
-    towards high speeds.
-    """
-    value = law.critical_speed(fit.theta)
-    if not math.isfinite(value):
-        return Uncertain(value, math.inf, 0.0, math.inf)
-    reference = 0.9 * min(fastest, value)
-    slope = np.empty(fit.theta.size)
-    for k in range(slope.size):
-        moved = fit.theta.copy()
-        moved[k] += 1e-4
-        slope[k] = math.log(law.critical_speed(moved) / value) / 1e-4
-    spread = math.sqrt(max(float(slope @ fit.covariance @ slope), 0.0) * max(fit.misfit, 1.0))
-    beyond = value / reference - 1.0
-    scaled = spread * value / (reference * beyond)
-    low, high = (
-        reference * (1.0 + beyond * math.exp(sign * min(NORMAL_95 * scaled, 30.0)))
-        for sign in (-1.0, 1.0)
-    )
-    return Uncertain(value, spread * value, low, high)
+        best = Fit(law, spectra.only(kept), best.theta).best()
+    return best

@@ -20,13 +20,7 @@ from hunt_ros.dynamics.simulation import (
 )
 from hunt_ros.forecast import CriticalSpeedForecast
 from hunt_ros.forecast.damping_laws import SmoothLaw, WheelsetLaw
-from hunt_ros.forecast.response import (
-    ResponseLaw,
-    Spectra,
-    critical_interval,
-    expected_periodogram,
-    fitted,
-)
+from hunt_ros.forecast.response import Fit, ResponseLaw, Spectra
 
 NOISE = 5e-6
 #: v_c of the same run is also forecast on the way, from the levels up to these shares of it.
@@ -91,17 +85,16 @@ def bound(case: Case, law: ResponseLaw, levels: list) -> float:
     NaN beyond v_c: there the linear law that made the data has no stationary response.
     """
     spectra = Spectra(levels, *law.band(levels))
-    exact = expected_periodogram(WheelsetLaw(case.rig), spectra, true_theta(case))
-    if exact is None:
+    exact = Fit(WheelsetLaw(case.rig), spectra, true_theta(case))
+    if math.isinf(exact.cost):
         return math.nan
-    spectra.power = exact
+    spectra.power = exact.expected
     if isinstance(law, WheelsetLaw):
-        fit = fitted(law, spectra, true_theta(case))
+        fit = Fit(law, spectra, true_theta(case)).best()
     else:
-        fits = [fitted(law, spectra, start, 400) for start in law.starts(spectra)]
-        fit = min((fit for fit in fits if fit is not None), key=lambda found: found.cost)
-    assert fit is not None
-    return critical_interval(law, fit, float(spectra.speed.max())).std
+        fits = [Fit(law, spectra, start).best(400) for start in law.starts(spectra)]
+        fit = min(fits, key=lambda found: found.cost)
+    return fit.critical_speed(float(spectra.speed.max())).std
 
 
 def climbed(case: Case, seed: int, truth: float) -> dict[str, list]:

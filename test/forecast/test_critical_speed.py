@@ -13,6 +13,7 @@ from hunt_ros.dynamics.simulation import (
     RollerRig,
 )
 from hunt_ros.forecast import COLLECTING, NO_EXCITATION, CriticalSpeedForecast, critical_speed
+from hunt_ros.forecast.response import Fit
 from hunt_ros.samples import Uncertain
 
 RATE = 200.0
@@ -152,7 +153,7 @@ def test_a_sweep_through_v_c_of_a_supercritical_rig_is_not_forecast_too_high(law
 def test_rest_excludes_a_critical_speed_far_below_it(climb, monkeypatch, value, told):
     """A law may say so where the friction damps least at middle amplitudes."""
     said = Uncertain(value, 0.1)
-    monkeypatch.setattr(critical_speed, 'critical_interval', lambda *fit: said)
+    monkeypatch.setattr(Fit, 'critical_speed', lambda *fit: said)
     found = forecast_of(climb, live=False)
     assert (found.critical_speed == said) is told
     assert (found.reason == critical_speed.RESTED) is not told

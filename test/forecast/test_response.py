@@ -14,13 +14,7 @@ from hunt_ros.dynamics.linear_stability import critical_speed, hunting_mode, qui
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.forecast.damping_laws import SmoothLaw, WheelsetLaw, held_growth
 from hunt_ros.forecast.levels import SpeedLevel
-from hunt_ros.forecast.response import (
-    Spectra,
-    Whittle,
-    best_fit,
-    expected_periodogram,
-    own_bins,
-)
+from hunt_ros.forecast.response import Fit, Spectra, best_fit
 
 
 def flat_levels(speeds, duration=60.0, bins=None):
@@ -53,7 +47,7 @@ def test_the_power_of_the_wheelset_law_is_the_variance_of_the_response(channel):
     theta[4], theta[-1] = math.log(strength), -80.0
     theta[5] = 0.0
     spectra = Spectra(flat_levels([speed], 600.0, np.arange(1, 12_000)), 0.0, 99.0)
-    power = expected_periodogram(law, spectra, theta)
+    power = Fit(law, spectra, theta).expected
     covariance = quiet_covariance(rig, speed, strength)
     variance = covariance[2, 2] if channel == 'yaw' else covariance[0, 0] * rig.length_scale**2
     assert 2.0 * np.sum(power) / 600.0 == pytest.approx(variance, rel=0.01)
@@ -86,7 +80,7 @@ def test_the_fit_returns_the_parameters_that_made_the_spectrum(law):
         law.starts(spectra)
         theta[:4] = math.log(8.0), math.log(3.0), 0.0, math.log(17.8)
         theta[6], theta[-1] = math.log(1e-10), math.log(5e-14)
-    spectra.power = expected_periodogram(law, spectra, theta)
+    spectra.power = Fit(law, spectra, theta).expected
     fit = best_fit(law, spectra)
     assert law.critical_speed(fit.theta) == pytest.approx(law.critical_speed(theta), rel=2e-3)
     assert fit.misfit < 1e-3
@@ -98,7 +92,7 @@ def test_the_information_is_that_of_an_exponential_distribution():
     spectra = Spectra(flat_levels([6.0]), 1.0, 6.0)
     theta = law.prior_mean.copy()
     theta[4] = -60.0
-    _, matrix, _ = Whittle(law, spectra).slopes(theta)
+    _, matrix, _ = Fit(law, spectra, theta).slopes()
     assert matrix[-1, -1] == pytest.approx(spectra.omega.size + law.prior_std[-1] ** -2, rel=1e-3)
 
 
@@ -137,13 +131,13 @@ def test_bins_that_show_the_ends_of_the_window_are_left_out():
     spectra = Spectra(levels, *law.band(levels))
     theta = law.prior_mean.copy()
     theta[4], theta[-1] = math.log(2e-5), math.log(1e-18)
-    kept = own_bins(law, spectra, theta)
+    kept = Fit(law, spectra, theta).own_bins()
     frequency = spectra.omega / (2.0 * np.pi)
     assert kept[np.abs(frequency - 2.83) < 0.03].all()
     assert not kept[frequency > 5.0].any()
     # Under noise the same bins show the noise, which is their own.
     theta[-1] = math.log(1e-11)
-    assert own_bins(law, spectra, theta)[frequency > 5.0].all()
+    assert Fit(law, spectra, theta).own_bins()[frequency > 5.0].all()
 
 
 def test_motion_that_is_damped_more_where_it_is_larger_stays_also_beyond_v_c():
