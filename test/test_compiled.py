@@ -17,28 +17,10 @@ from hunt_ros.compiled import F1, HAVE_COMPILER, compile_all, compiled
 
 ROOT = Path(__file__).parents[1]
 BAG = ROOT / 'bags' / 'kick_decays'
+needs_numba = pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed')
 
 #: Put before a script: from here on, numba is not there to be found.
-HIDE_NUMBA = textwrap.dedent(
-    """
-    import sys
-    from importlib.abc import MetaPathFinder
-
-    class Hidden(MetaPathFinder):
-        def find_spec(self, name, path=None, target=None):
-            if name.partition('.')[0] == 'numba':
-                raise ModuleNotFoundError(f'No module named {name!r}', name=name)
-            return None
-
-    sys.modules.pop('numba', None)
-    sys.meta_path.insert(0, Hidden())
-    import importlib.util
-    real_find_spec = importlib.util.find_spec
-    importlib.util.find_spec = (
-        lambda name, package=None: None if name == 'numba' else real_find_spec(name, package)
-    )
-    """
-)
+HIDE_NUMBA = "import sys; sys.modules['numba'] = None\n"
 
 
 def run(script: str, hide: bool) -> str:
@@ -67,16 +49,19 @@ def test_a_compiled_kernel_gives_the_numbers_of_plain_python_and_keeps_nan() -> 
 RUN_THE_CHAIN = textwrap.dedent(
     """
     import importlib, json, pkgutil, sys
+    import numpy as np
     for room in ('dynamics', 'estimation', 'analysis', 'detection', 'identification'):
         package = importlib.import_module(f'hunt_ros.{room}')
         for module in pkgutil.walk_packages(package.__path__, package.__name__ + '.'):
             importlib.import_module(module.name)
     from hunt_ros.compiled import HAVE_COMPILER
     from hunt_ros.detection import DetectorConfig, HuntingDetector, detect
+    from hunt_ros.dynamics.growth_law import GrowthScales, from_normal_form, lawful
     from hunt_ros.dynamics.identified import IdentifiedNormalForm
     from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
     from hunt_ros.dynamics.parameters import paper_rig
     from hunt_ros.dynamics.profile import Hold, Profile
+    from hunt_ros.identification.likelihood.path_likelihood import Path, innovations
     from hunt_ros.dynamics.simulation import (
         Kick, Roughness, SensorModel, SimulationSettings, simulate,
     )
@@ -90,18 +75,24 @@ RUN_THE_CHAIN = textwrap.dedent(
     )
     detector = HuntingDetector(DetectorConfig(), IdentifiedNormalForm(PAPER_NORMAL_FORM))
     rows = detect(detector, record).estimates
+    law = lawful(from_normal_form(PAPER_NORMAL_FORM, GrowthScales(7.4, 7e-4, 0.0485, 0.0386, 2.8)))
+    theta = np.concatenate([law, [0.0, 0.0, -8.0, -12.0, -20.0]])
+    n = np.arange(12)
+    phasor = (0.3 + 0.02 * n) * np.exp(0.1j * n)
+    path = Path(0.5 * n, 0.01 * n, phasor, n == 0, 0.03, 0.2, 0.1, np.full(12, 0.01))
     print(json.dumps({
-        'compiler': [HAVE_COMPILER, 'numba' in sys.modules],
+        'compiler': [HAVE_COMPILER, sys.modules.get('numba') is not None],
         'lateral': record['lateral'].values[::25].tolist(),
         'amplitude': [x if x == x else None for x in rows['lateral_amplitude'][::25].tolist()],
         'growth': [x if x == x else None for x in rows['growth_rate'][::25].tolist()],
         'level': rows['level'].tolist(),
+        'innovations': innovations(theta, path).ravel().tolist(),
     }))
     """
 )
 
 
-@pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed: nothing to compare with')
+@needs_numba
 def test_simulator_and_detector_give_the_same_numbers_without_numba() -> None:
     """Every module of the numerical rooms can be imported without it, too."""
     fast, plain = (json.loads(run(RUN_THE_CHAIN, hide)) for hide in (False, True))
@@ -115,7 +106,7 @@ def test_simulator_and_detector_give_the_same_numbers_without_numba() -> None:
         np.testing.assert_allclose(ours, theirs, rtol=1e-6, atol=1e-9 * scale, err_msg=name)
 
 
-@pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed')
+@needs_numba
 def test_a_kernel_has_one_signature() -> None:
     kernel = compiled(decay)
     assert kernel(np.ones(3), 1) == 6.0  # an int is a float
@@ -165,7 +156,7 @@ def total(folder: Path, part: str = PART, kernel: str = KERNEL, **environment: s
     return done.stdout.splitlines() + done.stderr.splitlines()
 
 
-@pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed')
+@needs_numba
 def test_machine_code_is_kept_by_content(tmp_path) -> None:
     assert total(tmp_path) == ['compiling', '4.0']
     assert total(tmp_path) == ['4.0']
@@ -176,7 +167,7 @@ def test_machine_code_is_kept_by_content(tmp_path) -> None:
     assert total(tmp_path, PART.replace('FACTOR = 1.0', 'FACTOR = 2.0')) == ['compiling', '5.0']
 
 
-@pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed')
+@needs_numba
 def test_damaged_machine_code_is_made_anew(tmp_path) -> None:
     total(tmp_path)
     for path in (tmp_path / 'cache').rglob('*.code'):
@@ -188,7 +179,7 @@ def test_damaged_machine_code_is_made_anew(tmp_path) -> None:
     assert total(tmp_path) == ['4.0']
 
 
-@pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed')
+@needs_numba
 def test_where_nothing_can_be_written_kernels_work_and_one_line_says_so(tmp_path) -> None:
     """As in a source tree that is read-only, without a home; this holds for root too."""
     tree = tmp_path / 'tree'
@@ -203,7 +194,7 @@ def test_where_nothing_can_be_written_kernels_work_and_one_line_says_so(tmp_path
     assert 'NUMBA_CACHE_DIR' in done.stderr
 
 
-@pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed')
+@needs_numba
 def test_every_kernel_is_compiled_ahead_and_a_copy_of_the_package_finds_it(tmp_path) -> None:
     """As in a wheel or a container: another path, other dates."""
     compile_all()
@@ -231,7 +222,7 @@ print(c.HAVE_COMPILER, len(c.KERNELS))
 """
 
 
-@pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed')
+@needs_numba
 def test_a_live_process_compiles_nothing(tmp_path) -> None:
     tree = tmp_path / 'tree'
     copy_of_the_package(tree)
@@ -251,7 +242,7 @@ def test_a_verb_works_with_the_compiler_switched_off() -> None:
     assert 'Traceback' not in done.stderr
 
 
-@pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed')
+@needs_numba
 @pytest.mark.parametrize('verb', ['replay', 'identify'])
 def test_a_verb_compiles_nothing_where_hunt_compile_has_run(verb) -> None:
     compile_all()
@@ -310,7 +301,7 @@ print(c.HAVE_COMPILER, said)
 """
 
 
-@pytest.mark.skipif(not HAVE_COMPILER, reason='numba is not installed')
+@needs_numba
 def test_no_way_through_a_live_detector_meets_a_kernel_that_is_not_compiled() -> None:
     compile_all()
     assert run(ALL_WAYS, hide=False).strip() == 'True []'

@@ -23,6 +23,24 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from made import rig_settings
 
+from hunt_ros.criteria import CRITERIA, make_criterion
+from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig, HuntingDetector
+from hunt_ros.detection.output import MOTION_DTYPE
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.simulation import (
+    DriveModel,
+    RollerRig,
+    Roughness,
+    SensorModel,
+    SimulationSettings,
+)
+from hunt_ros.errors import ConfigError, HuntError
+from hunt_ros.estimation.hilbert import HilbertEnvelope
+from hunt_ros.estimation.kalman import HuntingTracker
+from hunt_ros.forecast import CriticalSpeedForecast
+
 Outputs = Sequence[np.ndarray]
 
 
@@ -31,19 +49,22 @@ class Stream:
     """
     How to run one streaming class.
 
-    make() gives a new object; record(seed) everything it is to be fed; length(record)
-    the number of pieces it can be cut into; feed(object, record, begin, end) feeds the
-    pieces begin..end and returns the arrays that came out. `finish` closes a stream that
-    holds something back. `bad_input(make)` asserts the documented answers.
+    make() gives a new object; record(seed) everything it is to be fed, a row a piece, or a tuple
+    of columns; feed(object, record, begin, end) feeds the pieces begin..end and returns the
+    arrays that came out. `finish` closes a stream that holds something back. `bad_input(make)`
+    asserts the documented answers.
     """
 
     name: str
     make: Callable[[], Any]
     record: Callable[[int], Any]
-    length: Callable[[Any], int]
     feed: Callable[[Any, Any, int, int], Outputs]
     bad_input: Callable[[Callable[[], Any]], None]
     finish: Callable[[Any], Outputs] | None = None
+
+    def length(self, record: Any) -> int:
+        """Return the number of pieces that a record can be cut into."""
+        return len(record[0] if isinstance(record, tuple) else record)
 
     def run(self, target: Any, record: Any, cuts: Sequence[int]) -> list[bytes]:
         """Feed a record cut at `cuts`; return each output's bytes, blocks joined."""
@@ -88,8 +109,6 @@ def _feed_tracker(tracker: Any, record: Any, begin: int, end: int) -> Outputs:
 
 
 def _bad_tracker_input(make: Callable[[], Any]) -> None:
-    from hunt_ros.errors import HuntError
-
     *samples, outputs = _hunting(3)
     clean = make()
     expected = clean.update(*samples, outputs)
@@ -110,24 +129,12 @@ def _bad_tracker_input(make: Callable[[], Any]) -> None:
         spoiled.update(empty, empty, empty, empty, empty, outputs[-1:])
 
 
-def _make_tracker() -> Any:
-    from hunt_ros.estimation.kalman import HuntingTracker
-
-    return HuntingTracker()
-
-
 def _wave(seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
     t = np.arange(400) / 100.0
     wave = np.exp(0.2 * t) * np.cos(17.8 * t) + 0.05 * rng.normal(size=t.size)
     wave[[50, 51, 200]] = np.nan
     return wave
-
-
-def _make_envelope() -> Any:
-    from hunt_ros.estimation.hilbert import HilbertEnvelope
-
-    return HilbertEnvelope(100.0)
 
 
 def _bad_envelope_input(make: Callable[[], Any]) -> None:
@@ -144,15 +151,6 @@ def _bad_envelope_input(make: Callable[[], Any]) -> None:
 
 
 def _make_rig() -> Any:
-    from hunt_ros.dynamics.parameters import paper_rig
-    from hunt_ros.dynamics.simulation import RollerRig
-    from hunt_ros.dynamics.simulation.settings import (
-        DriveModel,
-        Roughness,
-        SensorModel,
-        SimulationSettings,
-    )
-
     settings_ = SimulationSettings(
         initial_speed=7.0,
         roughness=Roughness((40e-6, 10e-6), (3e-6,)),
@@ -169,8 +167,6 @@ def _feed_rig(rig: Any, targets: np.ndarray, begin: int, end: int) -> Outputs:
 
 
 def _bad_rig_input(make: Callable[[], Any]) -> None:
-    from hunt_ros.errors import ConfigError
-
     rig = make()
     expected = make().advance(50).lateral
     for refused in (lambda: rig.advance(-1), lambda: rig.kick(lateral_m=np.nan)):
@@ -184,8 +180,6 @@ def _bad_rig_input(make: Callable[[], Any]) -> None:
 
 def _criterion(name: str) -> Stream:
     def make() -> Any:
-        from hunt_ros.criteria import make_criterion
-
         return make_criterion(name, rate_hz=500.0, scale=0.01)
 
     def feed(criterion: Any, record: Any, begin: int, end: int) -> Outputs:
@@ -199,7 +193,7 @@ def _criterion(name: str) -> Stream:
         rows = make().update(stamps, holes, speed)
         assert np.array_equal(np.isfinite(rows['index']), np.isfinite(expected['index']))
 
-    return Stream(f'criterion {name}', make, _displacement, lambda r: r[0].size, feed, bad_input)
+    return Stream(f'criterion {name}', make, _displacement, feed, bad_input)
 
 
 def _displacement(seed: int) -> tuple[np.ndarray, ...]:
@@ -215,11 +209,6 @@ def _displacement(seed: int) -> tuple[np.ndarray, ...]:
 
 
 def _make_detector() -> Any:
-    from hunt_ros.detection.configuration import DetectorConfig
-    from hunt_ros.detection.detector import HuntingDetector
-    from hunt_ros.dynamics.identified import IdentifiedNormalForm
-    from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-
     form = IdentifiedNormalForm(PAPER_NORMAL_FORM, np.diag([1e-4, 1e-6, 1.0, 1e-4, 10.0, 1e8]))
     return HuntingDetector(DetectorConfig(), form)
 
@@ -265,9 +254,6 @@ def _bad_detector_input(make: Callable[[], Any]) -> None:
 
 def _climb(seed: int) -> tuple[np.ndarray, ...]:
     """44 s of quiet response at four speeds, and a short blow of hunting."""
-    from hunt_ros.dynamics.parameters import paper_rig
-    from hunt_ros.dynamics.simulation import RollerRig
-
     settings_ = rig_settings(100.0, 2e-5, initial_speed=4.0)
     targets = np.repeat([4.0, 5.0, 6.0, 7.0], 1100)
     block = RollerRig(paper_rig(), settings_, seed=seed).advance(targets.size, targets)
@@ -276,12 +262,6 @@ def _climb(seed: int) -> tuple[np.ndarray, ...]:
     values = block.lateral.copy()
     values[[500, 501, 2600]] = np.nan
     return block.stamps_ns, values, block.speed, block.roller_angle, quiet
-
-
-def _make_forecast() -> Any:
-    from hunt_ros.forecast import CriticalSpeedForecast
-
-    return CriticalSpeedForecast()
 
 
 def _feed_forecast(forecast: Any, record: Any, begin: int, end: int) -> Outputs:
@@ -313,23 +293,21 @@ def _bad_forecast_input(make: Callable[[], Any]) -> None:
     assert np.array_equal(found, expected, equal_nan=True)
 
 
-def _make_companions() -> Any:
-    from hunt_ros.detection.companions import CompanionConfig, Companions
+_BESIDE = ('cfr_213_333', 'ten_peaks')
 
-    config = CompanionConfig(criteria=('cfr_213_333', 'ten_peaks'), criteria_scale=2e-4)
-    return Companions(config)
+
+def _make_companions() -> Any:
+    return Companions(CompanionConfig(criteria=_BESIDE, criteria_scale=2e-4))
 
 
 def _feed_companions(companions: Any, record: Any, begin: int, end: int) -> Outputs:
-    from hunt_ros.detection.output import MOTION_DTYPE
-
     columns = [column[begin:end] for column in record]
     verdicts = companions.update(np.rec.fromarrays(columns, dtype=MOTION_DTYPE))
     return [
         np.array([[v.stamp_ns, v.exceeded, v.index] for v in verdicts if v.criterion == name])
         .reshape(-1, 3)
         .ravel()
-        for name in ('cfr_213_333', 'ten_peaks')
+        for name in _BESIDE
     ] + [np.zeros(0)]
 
 
@@ -346,19 +324,11 @@ def _bad_companions_input(make: Callable[[], Any]) -> None:
 
 
 STREAMS: list[Stream] = [
-    Stream(
-        'hunting tracker',
-        _make_tracker,
-        _hunting,
-        lambda record: int(record[0].size),
-        _feed_tracker,
-        _bad_tracker_input,
-    ),
+    Stream('hunting tracker', HuntingTracker, _hunting, _feed_tracker, _bad_tracker_input),
     Stream(
         'hilbert envelope',
-        _make_envelope,
+        lambda: HilbertEnvelope(100.0),
         _wave,
-        len,
         lambda target, wave, a, b: [target.update(wave[a:b])],
         _bad_envelope_input,
     ),
@@ -366,7 +336,6 @@ STREAMS: list[Stream] = [
         'simulated rig',
         _make_rig,
         lambda seed: np.linspace(7.2, 8.0 + seed, 800),
-        len,
         _feed_rig,
         _bad_rig_input,
     ),
@@ -374,30 +343,27 @@ STREAMS: list[Stream] = [
         'detector',
         _make_detector,
         _arrivals,
-        len,
         _feed_detector,
         _bad_detector_input,
-        finish=lambda detector: [detector.finish().estimates],
+        lambda detector: [detector.finish().estimates],
     ),
     Stream(
         'forecast of v_c',
-        _make_forecast,
+        CriticalSpeedForecast,
         _climb,
-        lambda record: int(record[0].size),
         _feed_forecast,
         _bad_forecast_input,
-        finish=lambda forecast: [_numbers_of(forecast.finish())],
+        lambda forecast: [_numbers_of(forecast.finish())],
     ),
     Stream(
         'companions',
         _make_companions,
         _climb,
-        lambda record: int(record[0].size),
         _feed_companions,
         _bad_companions_input,
-        finish=lambda companions: [np.zeros(0), np.zeros(0), _numbers_of(companions.finish())],
+        lambda companions: [np.zeros(0), np.zeros(0), _numbers_of(companions.finish())],
     ),
-    *(_criterion(name) for name in ('cfr_213_333', 'six_peaks', 'ten_peaks', 'uic_518')),
+    *map(_criterion, CRITERIA),
 ]
 
 

@@ -12,12 +12,11 @@ from argparse import Namespace
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
-from pathlib import Path
-from runpy import run_path
 
 import numpy as np
 from identification_rigs import flutter, others
 from made import up_and_down
+from records_made import rig_settings, trajectories
 from scipy import stats
 from tables import mapped, markdown, run
 
@@ -27,7 +26,6 @@ from hunt_ros.dynamics.simulation import SimulationSettings, simulate
 from hunt_ros.identification import Identification, IdentificationSettings, identify
 from hunt_ros.samples import Record, Uncertain
 
-_MAKERS = run_path(str(Path(__file__).parents[1] / 'identification' / 'conftest.py'))
 #: Speeds at which the unstable amplitude is compared, m/s.
 UNSTABLE_AT = (7.0, 7.6)
 #: The full model without roughness: linear critical speed, fold, and speeds with the fundamental
@@ -46,7 +44,7 @@ def covered(task: tuple[int, bool]) -> tuple[np.ndarray, float]:
     seed, told = task
     form = PAPER_NORMAL_FORM
     settings = IdentificationSettings(prior_v_c=(8.0, 1e-3) if told else ())
-    result = identify(_MAKERS['trajectories'](seed, 2e-5), settings)
+    result = identify(trajectories(seed, 2e-5), settings)
     wanted = [(result.coefficients[name], getattr(form, name)) for name in COEFFICIENTS]
     wanted += [(result.v_n, form.nonlinear_critical_speed), (result.v_c, 8.0)]
     inside = [x is not None and x.low <= truth <= x.high for x, truth in wanted]
@@ -57,7 +55,7 @@ def covered(task: tuple[int, bool]) -> tuple[np.ndarray, float]:
 
 def stepped(seed: int, broadband: float, roughness: float) -> Record:
     """One staircase of the full model up and down, 0.2 m/s steps, 25 s holds."""
-    settings = replace(_MAKERS['rig_settings'](roughness), broadband=broadband)
+    settings = replace(rig_settings(roughness), broadband=broadband)
     profile = up_and_down(np.arange(6.0, 8.9, 0.2), 25.0)
     return simulate(paper_rig(), settings, profile, seed=seed)
 

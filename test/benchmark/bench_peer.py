@@ -12,18 +12,17 @@ from argparse import Namespace
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from importlib.util import find_spec
-from pathlib import Path
-from runpy import run_path
 
 import numpy as np
 from scipy.signal import butter, hilbert, sosfiltfilt
-from tables import mapped, markdown, run
+
+from tables import mapped, markdown, run  # isort: skip
+from records_made import trajectories  # isort: skip
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.samples import Record
 
-_MAKERS = run_path(str(Path(__file__).parents[1] / 'identification' / 'conftest.py'))
 #: Noise and roughness line of the three sets, m.
 SETS = ((5e-6, 0.0), (2e-5, 0.0), (5e-6, 5e-5))
 #: Speeds at which the unstable amplitude is compared, m/s.
@@ -108,7 +107,7 @@ def sindy(records: Sequence[Record], weak: bool) -> NormalForm | None:
 def trial(task: tuple[int, float, float, bool]) -> dict[str, tuple[np.ndarray, float]]:
     """Run all methods on one realisation."""
     seed, noise, roughness, peers = task
-    records = _MAKERS['trajectories'](seed, noise, roughness)
+    records = trajectories(seed, noise, roughness)
     methods: dict[str, Callable[[], NormalForm | None]] = {'ours': lambda: ours(records)}
     if peers:
         methods['pysindy, weak'] = lambda: sindy(records, True)

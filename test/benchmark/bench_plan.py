@@ -16,15 +16,15 @@ from argparse import Namespace
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
-from pathlib import Path
-from runpy import run_path
 
 import numpy as np
 from detection_rigs import BENCHES
+from records_made import rig_settings
 from tables import mapped, markdown, run
 
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
-from hunt_ros.dynamics.profile import Motion, Profile, Scene
+from hunt_ros.dynamics.profile import Motion, Profile
+from hunt_ros.dynamics.profile.run import ProfileRun
 from hunt_ros.dynamics.simulation import RollerRig, SimulatedBlock, simulate
 from hunt_ros.dynamics.simulation.experiment import record_of
 from hunt_ros.errors import HuntError
@@ -32,7 +32,6 @@ from hunt_ros.identification import Identification, identify
 from hunt_ros.identification.plan import PlanSettings, plan
 from hunt_ros.samples import Record
 
-_MAKERS = run_path(str(Path(__file__).parents[1] / 'identification' / 'conftest.py'))
 #: Where the unstable amplitude is compared, m/s.
 AT = (7.0, 7.6)
 NAMES = ('v_n (m/s)', 'v_c (m/s)', *(f'A_u({v:g}) (um)' for v in AT))
@@ -55,10 +54,9 @@ class Bench:
     speed: float = 6.0
     time: float = 0.0
     amplitude: float = 0.0
-    starts: int = 0
 
     def __post_init__(self) -> None:
-        self.settings = _MAKERS['rig_settings']()
+        self.settings = rig_settings()
         self.stream = RollerRig(self.rig, self.settings, self.seed)
         self.count = round(BLOCK_S * self.settings.sample_rate_hz)
         period = round(self.settings.sample_rate_hz / 2.835)
@@ -67,28 +65,15 @@ class Bench:
 
     def run(self, profile: Profile, until_s: float = math.inf) -> Iterator[float]:
         """Run a profile to its end or a time, s; yield the time after each block."""
-        for step in profile.steps:
-            scene = Scene(Motion())
-            began = self.time
-            for leg in step.legs(scene):
-                waited = 0.0
-                while self.time < until_s:
-                    if self.amplitude > leg.above_m or self.amplitude < leg.below_m:
-                        break
-                    if self.speed == leg.speed_mps:
-                        if waited >= leg.hold_s:
-                            break
-                        waited += BLOCK_S
-                    way = leg.rate_mps2 * BLOCK_S
-                    gap = leg.speed_mps - self.speed
-                    end = self.speed + math.copysign(min(abs(gap), way), gap)
-                    targets = np.linspace(self.speed, end, self.count + 1)[1:]
-                    self.blocks.append(self.stream.advance(self.count, targets))
-                    self.speed = leg.speed_mps if abs(gap) <= way else end
-                    self.time += BLOCK_S
-                    self._look()
-                    yield self.time
-                    scene.elapsed_s = self.time - began
+        run = ProfileRun(profile, self.speed)
+        while not run.finished and self.time < until_s:
+            before = self.speed
+            self.speed = run.advance(BLOCK_S, Motion(amplitude_m=self.amplitude))
+            targets = np.linspace(before, self.speed, self.count + 1)[1:]
+            self.blocks.append(self.stream.advance(self.count, targets))
+            self.time += BLOCK_S
+            self._look()
+            yield self.time
 
     def _look(self) -> None:
         """Take the amplitude of the last period of the hunting."""
@@ -140,7 +125,7 @@ def staircase(task: tuple[int, RigParameters]) -> list[np.ndarray]:
 def reacting(task: tuple[int, RigParameters]) -> tuple[float, np.ndarray]:
     """Run the profile that reacts; how long it took, s, and the numbers at its end."""
     seed, rig = task
-    record = simulate(rig, _MAKERS['rig_settings'](), Profile.from_yaml(SEESAW), seed=seed)
+    record = simulate(rig, rig_settings(), Profile.from_yaml(SEESAW), seed=seed)
     return record.duration_s, numbers(identified(record))
 
 

@@ -6,14 +6,13 @@ import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cache
-from pathlib import Path
-from runpy import run_path
 
 import numpy as np
 from bench_forecast import other_rig
 from made import FLUTTER, flutter_runs, up_and_down, without
+from records_made import amplitude_record, rig_settings
 from tables import mapped, markdown
 
 from hunt_ros.dynamics.limit_cycle import limit_cycles
@@ -26,40 +25,12 @@ from hunt_ros.errors import HuntError
 from hunt_ros.identification import Identification, IdentificationSettings, identify
 from hunt_ros.samples import Record, Uncertain
 
-_MAKERS = run_path(str(Path(__file__).parents[1] / 'identification' / 'conftest.py'))
 #: Where the unstable amplitude is compared, as a share of the hysteresis region above v_n.
 _SHARES = (0.3, 0.6)
 
 
-@dataclass(frozen=True)
-class Truth:
-    """Critical speeds, m/s, and the unstable amplitude, m, at speeds between them."""
-
-    v_c: float
-    v_n: float | None
-    unstable: Mapping[float, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Case:
-    """
-    A rig or a way of recording, tried with several seeds.
-
-    Parameters
-    ----------
-    name : str
-    records : callable
-        From a seed to the recordings.
-    truth : callable
-        What is true of the rig.
-    settings : IdentificationSettings
-        What the user tells.
-    """
-
-    name: str
-    records: Callable[[int], Sequence[Record]]
-    truth: Callable[[], Truth]
-    settings: IdentificationSettings = field(default_factory=IdentificationSettings)
+#: v_c and v_n, m/s, and the unstable amplitude, m, at speeds between them.
+Truth = tuple[float, float | None, Mapping[float, float]]
 
 
 def between(v_n: float, v_c: float) -> list[float]:
@@ -72,12 +43,12 @@ def truth_of_rig(rig: RigParameters) -> Truth:
     v_c, branch = critical_speed(rig), limit_cycles(rig)
     v_n = branch.nonlinear_critical_speed
     if v_n is None:
-        return Truth(v_c, None)
+        return v_c, None, {}
     unstable = {}
     for speed in between(v_n, v_c):
         at = branch.at_speed(speed)
         unstable[speed] = float(at.amplitude[~at.stable][0])
-    return Truth(v_c, v_n, unstable)
+    return v_c, v_n, unstable
 
 
 def truth_of_form(form: NormalForm) -> Truth:
@@ -86,13 +57,13 @@ def truth_of_form(form: NormalForm) -> Truth:
     assert v_n is not None
     speeds = between(v_n, form.critical_speed)
     amplitudes = form.unstable_amplitude(speeds)
-    return Truth(form.critical_speed, v_n, dict(zip(speeds, map(float, amplitudes), strict=True)))
+    return form.critical_speed, v_n, dict(zip(speeds, map(float, amplitudes), strict=True))
 
 
 def steps(rig: RigParameters, seed: int, low: float, high: float, rise: float) -> Record:
     """Staircase of 25 s a step up and down; roughness and noise grow with the rig."""
     size = rig.half_gauge_m / paper_rig().half_gauge_m
-    settings = _MAKERS['rig_settings'](3e-5 * size)
+    settings = rig_settings(3e-5 * size)
     sensor = replace(settings.lateral_sensor, noise=5e-6 * size)
     profile = up_and_down(np.arange(low, high + 0.5 * rise, rise), 25.0)
     return simulate(rig, replace(settings, lateral_sensor=sensor), profile, seed=seed)
@@ -103,7 +74,7 @@ def seldom_hunting(seed: int) -> Record:
     holds = [Hold(float(v), 115.0) for v in np.arange(6.0, 7.81, 0.2)]
     hunts = Corners((0.0, 8.0, 22.0, 34.0, 44.0), (7.8, 8.8, 8.8, 6.2, 6.2))
     profile = Profile((*holds, hunts))
-    return simulate(paper_rig(), _MAKERS['rig_settings'](), profile, seed=seed)
+    return simulate(paper_rig(), rig_settings(), profile, seed=seed)
 
 
 def strongly_subcritical(seed: int, by: float) -> list[Record]:
@@ -115,9 +86,7 @@ def strongly_subcritical(seed: int, by: float) -> list[Record]:
     speeds = np.linspace(0.97 * v_n, 9.0, 8)
     starts = np.exp(rng.uniform(math.log(5e-5), math.log(8e-4), 30))
     return [
-        _MAKERS['amplitude_record'](
-            speeds[i % 8], 30.0, 1000 * seed + i, form=form, start=float(start)
-        )
+        amplitude_record(speeds[i % 8], 30.0, 1000 * seed + i, form=form, start=float(start))
         for i, start in enumerate(starts)
     ]
 
@@ -133,78 +102,72 @@ SOFT = replace(paper_rig(), name='supercritical', beta={'30': -446.87, '50': -2.
 _PAPER = cache(lambda: truth_of_rig(paper_rig()))
 _STAIRS = (6.0, 8.8, 0.2)
 
-CASES = (
-    Case(
+#: Rigs and ways of recording, tried with several seeds: name, from a seed to the recordings, what
+#: is true of the rig, and what the user tells.
+CASES: tuple[tuple[str, Callable[[int], object], Callable[[], Truth], dict[str, float]], ...] = (
+    (
         'staircase at 200 Hz, lateral and speed only',
-        lambda seed: [without(steps(paper_rig(), seed, *_STAIRS), 'roller', 'yaw')],
+        lambda seed: without(steps(paper_rig(), seed, *_STAIRS), 'roller', 'yaw'),
         _PAPER,
+        {},
     ),
-    Case(
+    (
         'rig of 14 m/s and 2 Hz',
-        lambda seed: [steps(other_rig(), seed, 10.5, 15.4, 0.35)],
+        lambda seed: steps(other_rig(), seed, 10.5, 15.4, 0.35),
         cache(lambda: truth_of_rig(other_rig())),
+        {},
     ),
     *(
-        Case(
+        (
             f'trajectories, D4 and D15 {by:.0f} times as large',
             lambda seed, by=by: strongly_subcritical(seed, by),
             lambda by=by: truth_of_form(stronger(by)),
+            {},
         )
         for by in (3.0, 4.0)
     ),
-    Case('a rig that hunts 2 % of its time', lambda seed: [seldom_hunting(seed)], _PAPER),
-    Case('flange at 0.6 mm, not told', lambda seed: [steps(NARROW, seed, *_STAIRS)], _PAPER),
-    Case(
-        'flange at 0.6 mm, told',
-        lambda seed: [steps(NARROW, seed, *_STAIRS)],
-        _PAPER,
-        IdentificationSettings(flange_clearance_m=0.6e-3),
+    ('a rig that hunts 2 % of its time', seldom_hunting, _PAPER, {}),
+    *(
+        (
+            f'flange at 0.6 mm, {"told" if told else "not told"}',
+            lambda seed: steps(NARROW, seed, *_STAIRS),
+            _PAPER,
+            told,
+        )
+        for told in ({}, {'flange_clearance_m': 0.6e-3})
     ),
-    Case(
+    (
         'supercritical rig',
-        lambda seed: [steps(SOFT, seed, *_STAIRS)],
+        lambda seed: steps(SOFT, seed, *_STAIRS),
         cache(lambda: truth_of_rig(SOFT)),
+        {},
     ),
 )
 
 
-@dataclass(frozen=True)
-class Found:
-    """What one identification says beside the truth."""
-
-    v_c: Uncertain | None
-    v_n: Uncertain | None
-    criticality: str | None
-    inside: tuple[bool, ...]
-    lack_of_fit: bool
-    flange: bool
-    why: str
-
-
-def one(task: tuple[int, int]) -> Found:
-    """Identify the recordings of a seed."""
+def one(task: tuple[int, int]) -> Identification | str:
+    """Identify the recordings of a seed; return what is found, or the refusal."""
     number, seed = task
-    case = CASES[number]
-    truth = case.truth()
+    _, records, _, told = CASES[number]
     try:
-        result = identify(case.records(seed), replace(case.settings, seed=seed))
+        found = identify(records(seed), IdentificationSettings(seed=seed, **told))
     except HuntError as refused:
-        return Found(None, None, None, (), False, 'flange' in str(refused), str(refused))
-    low, high = result.branch('unstable', list(truth.unstable) or [truth.v_c])[1:]
-    inside = [
-        bool(low[k] <= amplitude <= high[k])
-        for k, amplitude in enumerate(truth.unstable.values())
-        if math.isfinite(low[k])
-    ]
-    return Found(
-        result.v_c,
-        result.v_n,
-        result.criticality,
-        tuple(inside),
-        result.fit.lack_of_fit,
-        any('flange' in line for line in result.warnings),
-        '' if result.v_n else result.unknown.get('v_n', ''),
-    )
+        return str(refused)
+    return replace(found, records=(), envelopes=(), segments=())
+
+
+def inside(found: Identification, unstable: Mapping[float, float]) -> list[bool]:
+    """Return whether each true unstable amplitude of which a band is given lies in it."""
+    if not unstable:
+        return []
+    _, low, high = found.branch('unstable', list(unstable))
+    bands = zip(unstable.values(), low, high, strict=True)
+    return [bool(a <= truth <= b) for truth, a, b in bands if math.isfinite(a)]
+
+
+def why_no_fold(found: Identification) -> str:
+    """Return why v_n is not known, or ''."""
+    return '' if found.v_n else found.unknown.get('v_n', '')
 
 
 def accuracy(numbers: Sequence[Uncertain | None], truth: float | None) -> list[str]:
@@ -224,29 +187,34 @@ def accuracy(numbers: Sequence[Uncertain | None], truth: float | None) -> list[s
 def others(count: int, pool: Executor) -> str:
     """Return the table of the cases, `count` seeds each."""
     rows = []
-    for number, case in enumerate(CASES):
-        found = mapped(pool, case.name, one, [(number, seed) for seed in range(count)])
-        truth = case.truth()
-        inside = [held for each in found for held in each.inside]
-        kinds = Counter(each.criticality or 'not known' for each in found)
+    for number, (name, _, truth_of, _) in enumerate(CASES):
+        found = mapped(pool, name, one, [(number, seed) for seed in range(count)])
+        v_c, v_n, unstable = truth_of()
+        results = [each for each in found if isinstance(each, Identification)]
+        held = [each for result in results for each in inside(result, unstable)]
+        kinds = Counter(getattr(each, 'criticality', None) or 'not known' for each in found)
         said = [', '.join(f'{kind} {n}' for kind, n in kinds.most_common())]
-        if flange := sum(each.flange for each in found):
+        if flange := sum(
+            'flange' in (each if isinstance(each, str) else ' '.join(each.warnings))
+            for each in found
+        ):
             said.append(f'flange named {flange}')
-        if misfit := sum(each.lack_of_fit for each in found):
+        if misfit := sum(result.fit.lack_of_fit for result in results):
             said.append(f'lack of fit {misfit}')
-        reasons = Counter(each.why for each in found if each.why)
+        whys = [each if isinstance(each, str) else why_no_fold(each) for each in found]
+        reasons = Counter(why for why in whys if why)
         most = reasons.most_common(2)
         said += [f'"{why}" {n}' for why, n in most]
         if other := sum(reasons.values()) - sum(n for _, n in most):
             said.append(f'other reasons {other}')
         rows.append(
             [
-                case.name,
-                f'{truth.v_c:.3f}',
-                *accuracy([each.v_c for each in found], truth.v_c),
-                '-' if truth.v_n is None else f'{truth.v_n:.3f}',
-                *accuracy([each.v_n for each in found], truth.v_n),
-                f'{sum(inside)} of {len(inside)}' if inside else '',
+                name,
+                f'{v_c:.3f}',
+                *accuracy([getattr(each, 'v_c', None) for each in found], v_c),
+                '-' if v_n is None else f'{v_n:.3f}',
+                *accuracy([getattr(each, 'v_n', None) for each in found], v_n),
+                f'{sum(held)} of {len(held)}' if held else '',
                 '; '.join(said),
             ]
         )

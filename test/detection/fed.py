@@ -86,10 +86,10 @@ class Fed:
 class Moving(Fed):
     """A wheelset that moves at the hunting frequency of the paper's form, and its speed."""
 
-    def __init__(self, detector: HuntingDetector) -> None:
+    def __init__(self, detector: HuntingDetector, seed: int = 1) -> None:
         super().__init__(detector)
         self.seconds = 0.0
-        self._random = np.random.default_rng(1)
+        self._random = np.random.default_rng(seed)
 
     def move(
         self,

@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from made import record_of
-from scipy.signal import lfilter
+from made import forced_mode, record_of
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, detect
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
@@ -22,10 +21,7 @@ YAW = 6.0 * np.exp(1.2j)
 
 def wandering(count: int, rate: float, rng: np.random.Generator) -> np.ndarray:
     """Return noise of unit variance in each of its two components that forgets at this rate."""
-    keep = math.exp(-rate * STEP)
-    shocks = rng.normal(size=(count, 2)) @ np.array([1.0, 1j])
-    shocks[1:] *= math.sqrt(1.0 - keep**2)
-    return np.asarray(lfilter([1.0], [1.0, -keep], shocks))
+    return forced_mode(rng, count, STEP, rate, 1.0)
 
 
 def said(

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made import forced_mode
 
 from hunt_ros.dynamics.growth_law import lawful
 from hunt_ros.identification.likelihood.path_likelihood import Path
@@ -14,15 +15,8 @@ PRIOR = LawPrior(lawful(np.zeros(6)), np.array([20.0, 20.0, *np.zeros(9)]))
 
 def forced(rng: np.random.Generator, seconds: float) -> np.ndarray:
     """Forced motion of a damped mode."""
-    n = round(seconds / STEP)
-    keep = np.exp(-DAMPING * STEP)
-    push = rng.standard_normal((n, 2)) @ np.array([1.0, 1.0j])
-    z = np.empty(n, dtype=complex)
-    z[0] = FORCING / np.sqrt(2.0 * DAMPING) * push[0]
-    size = FORCING * np.sqrt((1.0 - keep**2) / (2.0 * DAMPING))
-    for k in range(1, n):
-        z[k] = keep * z[k - 1] + size * push[k]
-    return z
+    std = FORCING / np.sqrt(2.0 * DAMPING)
+    return forced_mode(rng, round(seconds / STEP), STEP, DAMPING, std)
 
 
 def found(seed: int, seconds: float) -> tuple[float, float]:

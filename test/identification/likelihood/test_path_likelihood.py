@@ -9,7 +9,6 @@ from made import SCALES
 
 from hunt_ros.dynamics.growth_law import FELT, GrowthLaw, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.identification.likelihood import path_likelihood
 from hunt_ros.identification.likelihood.path_likelihood import Path, innovations, sensitivities
 
 LAW = made.LAW.p
@@ -84,15 +83,7 @@ def test_noise_shared_by_overlapping_windows_is_told_from_motion():
     white = rng.standard_normal((n + 1, 2)) @ np.array([1.0, 1.0j])
     size = noise / np.sqrt(1.0 + shared**2)
     seen = 0.1 + size * (white[1:] + shared * white[:-1])
-    restart = np.zeros(n, dtype=bool)
-    restart[0] = True
-    path = Path(
-        np.arange(n) * step,
-        np.zeros(n),
-        seen,
-        restart,
-        overlap=shared / (1.0 + shared**2),
-    )
+    path = steady_path(seen, step, overlap=shared / (1.0 + shared**2))
     theta = np.array([*lawful(np.zeros(6)), 0, 0, -32.0, 2 * np.log(noise), -32.0])
     out = innovations(theta, path)[10:, :2]
     assert out.std(axis=0) == pytest.approx([1.0, 1.0], abs=0.02)
@@ -123,31 +114,6 @@ def test_a_line_beside_hunting_acts_in_the_likelihood_as_in_the_law(more, felt):
     assert np.abs(out[:, 0]).max() < 0.02
     without = innovations(np.concatenate([p, QUIET]), replace(path, line=None))
     assert np.abs(without[:, 0]).max() > 0.05
-
-
-def test_the_kernel_gives_the_same_numbers_as_plain_python():
-    plain = getattr(path_likelihood._walk, 'py_func', None)
-    if plain is None:
-        pytest.skip('no compiler here: the kernel is plain Python already')
-    path = path_of(7.2, 3e-4, count=12)
-    out = np.empty((12, 4))
-    by = np.empty((0, 12, 4))
-    plain(
-        np.concatenate([LAW, QUIET]),
-        path.time,
-        path.u,
-        path.phasor.real.copy(),
-        path.phasor.imag.copy(),
-        np.full(12, 0.01),
-        path.starts,
-        np.array([0.03, 0.2, path_likelihood._shared(0.1)]),
-        np.zeros(0, dtype=np.int64),
-        out,
-        by,
-    )
-    path = replace(path, blur=0.03, reach=0.2, overlap=0.1, line=np.full(12, 0.01))
-    compiled = innovations(np.concatenate([LAW, QUIET]), path)
-    np.testing.assert_allclose(compiled, out, rtol=1e-9, atol=1e-9)
 
 
 def test_the_derivatives_are_those_of_the_innovations():

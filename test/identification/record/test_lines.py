@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from made import forced_mode
 
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.record.hunting_frequency import tracked_envelope
@@ -25,10 +25,8 @@ def channels(hunting: np.ndarray, turns_per_s: np.ndarray | float, line: float =
 
 def wandering(seed: int, size: float = 3e-5, damping: float = 0.3) -> np.ndarray:
     """Phasor of a damped mode that noise drives."""
-    white = np.random.default_rng(seed).standard_normal((2, TIME.size))
-    keep = np.exp(-damping / RATE)
-    parts = lfilter([np.sqrt(1 - keep**2)], [1.0, -keep], white)
-    return size / np.sqrt(2) * (parts[0] + 1j * parts[1])
+    rng = np.random.default_rng(seed)
+    return forced_mode(rng, TIME.size, 1.0 / RATE, damping, size / np.sqrt(2.0))
 
 
 @pytest.mark.parametrize('apart', [0.07, 0.15, 0.3, 0.67, 2.0])
@@ -53,12 +51,15 @@ def test_a_line_that_passes_the_hunting_is_left_out_on_the_way() -> None:
     assert np.std(clean.lateral) == pytest.approx(2e-6, rel=0.1)
 
 
-def test_a_kick_and_a_limit_cycle_make_no_line() -> None:
-    hunting = wandering(3)
-    hunting[TIME > 60.0] += 5e-4 * np.exp(-0.2 * (TIME[TIME > 60.0] - 60.0))
-    hunting[TIME > 120.0] = 1e-3 * np.exp(0.1j * TIME[TIME > 120.0])
-    for line in (0.0, LINE):
-        _, power = free_of_lines(
-            channels(hunting, 1.2 * HZ, line), np.full(TIME.size, HZ), np.array([1.0])
-        )
-        assert np.sqrt(power) == pytest.approx(line, abs=0.6 * LINE)
+@pytest.mark.parametrize('line', [0.0, LINE])
+def test_a_kick_and_a_limit_cycle_make_no_line(line: float) -> None:
+    off = []
+    for seed in range(6):
+        hunting = wandering(seed)
+        hunting[TIME > 60.0] += 5e-4 * np.exp(-0.2 * (TIME[TIME > 60.0] - 60.0))
+        hunting[TIME > 120.0] = 1e-3 * np.exp(0.1j * TIME[TIME > 120.0])
+        seen, turns = channels(hunting, 1.2 * HZ, line), np.full(TIME.size, HZ)
+        _, power = free_of_lines(seen, turns, np.array([1.0]))
+        off.append(np.abs(np.sqrt(power) - line))
+    assert np.median(off) < 0.2 * LINE
+    assert np.max(off) < LINE
