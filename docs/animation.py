@@ -87,7 +87,7 @@ def run() -> tuple[Seen, Seen]:
     roller = WatchedRig(bench.rig, settings, seed=SEED)
     roller.kept = []
     detector = HuntingDetector(DetectorConfig(), IdentifiedNormalForm(bench.form))
-    guarded = Loop(roller, detector, SPEED, {})
+    guarded = Loop(roller, detector, SPEED)
     for _ in range(round(BEFORE_S / STEP_S)):
         guarded.step()
     alone = guarded.again()

@@ -3,30 +3,24 @@ Measure the detector on random rigs and days: false alarms, misses, delays, flip
 
     python test/benchmark/bench_day.py [--days 500] [--first 0] [--worst 10]
 
-Each day follows from its seed (`day_rigs`): `--first 17 --days 1` repeats day 17. Recordings of
-a wing that rests or cycles at one speed are run as well where they are (`shared/data/wing`).
+Each day follows from its seed (`day_rigs`): `--first 17 --days 1` repeats day 17.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from day_rigs import Day, random_day
 from numpy.typing import NDArray
 from tables import markdown
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, detect
+from hunt_ros.detection import HuntingDetector, Level, detect
 from hunt_ros.detection.output import Output
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
-from hunt_ros.samples import Record, Series
-
-WING = Path(__file__).parents[3] / 'shared' / 'data' / 'wing'
 
 #: Periods: a cycle that lasts shorter need not be said; ERROR may begin and end as much off the
 #: truth; what is steady for a while is.
@@ -35,8 +29,6 @@ LASTS, OFF, STEADY = 20.0, 4.0, 10.0
 IN, OUT = 0.85, 0.35
 #: A cycle that stands less clear of the quiet motion is none that anybody could tell from it.
 CLEAR = 5.0
-
-
 _B = NDArray[np.bool_]
 
 
@@ -159,25 +151,7 @@ def lived(day: Day) -> tuple[Marks, Output]:
     return judged(day, output), output
 
 
-def wing() -> None:
-    """Print what is said of the recordings of a wing."""
-    for path in sorted(WING.glob('*.npz')):
-        data = np.load(path)
-        stamps = np.round(data['t'] * 1e9).astype(np.int64)
-        names = ('lateral', 'yaw', 'speed')
-        record = Record({name: Series(stamps, data[name]) for name in names})
-        config = DetectorConfig(channels=names, lines=(), hunting_frequency_hz=4.0)
-        output = detect(HuntingDetector(config), record)
-        step = float(np.median(np.diff(output.estimates['stamp_ns']))) * 1e-9
-        error = step * float(np.count_nonzero(output.estimates['level'] == Level.ERROR))
-        words = [f'{e.stamp_ns * 1e-9:.0f} {e.event}' for e in output.events]
-        kept = [
-            word for word in words if word.split()[1] in ('escaping', 'limit_cycle', 'decaying')
-        ]
-        print(f'wing {path.stem}: {data["t"][-1]:.0f} s, ERROR {error:.0f} s; {", ".join(kept)}')
-
-
-def main() -> int:
+def main() -> None:
     """Run the days that were asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--days', type=int, default=500)
@@ -210,9 +184,7 @@ def main() -> int:
         rows[-1] += [marks.cycles, marks.missed, *delays, marks.flips, marks.ok_in_doubt_s]
         rows[-1].append(len(marks.contradictions))
     print('\n' + markdown([*head, 'flips', 'OK in doubt, s', 'contradict'], rows))
-    wing()
-    return 0
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    main()

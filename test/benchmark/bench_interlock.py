@@ -5,9 +5,9 @@ The interlock in closed loop: limit cycles that it avoids on the simulated rig.
 
 A kick of 0.8 to 1.5 times the unstable amplitude, at a speed inside the hysteresis region, with
 broadband forcing and roughness. Those that end in a limit cycle when nobody acts are repeated,
-from the same state and with the same noise: with the interlock in `protect`, with an operator
-who stops the roller 2 s after the alarm, and with the railway criteria as trigger, each with a
-limit of 1.2 times its highest index in the quiet running before. All slow the roller down alike.
+from the same state and with the same noise: with the interlock in `protect`, and with an operator
+who stops the roller 2 s after the alarm. Both slow the roller down alike. How soon the railway
+criteria would speak: bench_detection.py.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ import numpy as np
 from detection_rigs import BENCHES, RATE_HZ, WAYS
 from tables import mapped, markdown, run
 
-from hunt_ros.criteria import CRITERIA, Criterion, make_criterion
 from hunt_ros.detection import HuntingDetector
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.drivers.command import DriveLimits, RollerCommand
@@ -39,26 +38,22 @@ REACTION_S = 2.0
 ROUGHNESS_M = 20e-6
 #: Rms of the quiet amplitude over the unstable amplitude.
 NOISE_RATIO = 0.05
-MARGIN = 1.2
 #: Keys of the status that the interlock reads.
 MOTION = ('amplitude_m', 'v_n_mps', 'v_c_mps', 'fold_amplitude_m')
 
 
 @dataclass
 class Loop:
-    """A rig, its detector, its criteria, its drive: all that goes on while it runs."""
+    """A rig, its detector, its drive: all that goes on while it runs."""
 
     roller: RollerRig
     detector: HuntingDetector
     speed: float
-    criteria: dict[str, Criterion]
     interlock: Interlock = field(
         default_factory=lambda: Interlock(InterlockSettings(safe_margin_mps=0.3))
     )
     command: RollerCommand = field(default_factory=lambda: RollerCommand(DriveLimits()))
     now_ns: int = 0
-    highest: dict[str, float] = field(default_factory=dict)
-    indices: dict[str, float] = field(default_factory=dict)
     amplitude: float = 0.0
     measured: float = math.nan
 
@@ -70,10 +65,9 @@ class Loop:
 
     def again(self) -> Loop:
         """Return the same loop once more: state and noise to come are the same."""
-        names = ('roller', 'detector', 'criteria', 'interlock')
+        names = ('roller', 'detector', 'interlock')
         parts = {name: copy.deepcopy(getattr(self, name)) for name in names}
-        numbers = {name: getattr(self, name) for name in ('now_ns', 'highest', 'amplitude')}
-        return Loop(speed=self.speed, indices=dict(self.indices), **parts, **numbers)
+        return Loop(speed=self.speed, now_ns=self.now_ns, amplitude=self.amplitude, **parts)
 
     def step(self) -> str:
         """Go on by 50 ms; return what trips the interlock now, or ''."""
@@ -91,10 +85,6 @@ class Loop:
         self.measured = float(block.speed[-1])
         self.now_ns = int(block.stamps_ns[-1])
         self.amplitude = 0.5 * max(0.9 * self.amplitude, float(np.ptp(block.true_lateral)))
-        for name, criterion in self.criteria.items():
-            rows = criterion.update(block.stamps_ns, block.lateral, self.measured)
-            index = np.nan_to_num(rows['index'])
-            self.indices[name] = float(index.max()) if index.size else 0.0
         status = self.detector.status
         seen = Motion(*(status.number(key) for key in MOTION))
         words = '; '.join(status.reasons)
@@ -140,7 +130,6 @@ def course(loop: Loop, way: str, cycle_m: float) -> Course:
             'nobody': False,
             'protect': bool(trouble),
             'operator': since_s >= alarmed_s + REACTION_S,
-            'criteria': any(loop.indices[n] > MARGIN * loop.highest[n] for n in CRITERIA),
         }
         if math.isinf(acted_s) and says[way]:
             acted_s = since_s
@@ -164,18 +153,14 @@ def kicked(seed: int) -> dict[str, Course]:
     noise = bench.broadband(speed, NOISE_RATIO)
     roller = RollerRig(bench.rig, bench.settings(speed, noise, ROUGHNESS_M), seed=seed)
     detector = HuntingDetector(DetectorConfig(), IdentifiedNormalForm(bench.form))
-    criteria = {name: make_criterion(name, RATE_HZ) for name in CRITERIA}
-    loop = Loop(roller, detector, speed, criteria, highest=dict.fromkeys(CRITERIA, 0.0))
-    for number in range(round(QUIET_S / STEP_S)):
+    loop = Loop(roller, detector, speed)
+    for _ in range(round(QUIET_S / STEP_S)):
         loop.step()
-        if number * STEP_S > 5.0:
-            for name, index in loop.indices.items():
-                loop.highest[name] = max(loop.highest[name], index)
     bench.kick(roller, WAYS[seed % len(WAYS)], float(rng.uniform(0.8, 1.5)) * edge)
     found = {'nobody': course(loop.again(), 'nobody', cycle)}
-    for way in ('protect', 'operator', 'criteria'):
-        if found['nobody'].hunted or way != 'operator':
-            found[way] = course(loop.again(), way, cycle)
+    found['protect'] = course(loop.again(), 'protect', cycle)
+    if found['nobody'].hunted:
+        found['operator'] = course(loop.again(), 'operator', cycle)
     return found
 
 
@@ -187,7 +172,6 @@ def measured(arguments: Namespace, pool: Executor) -> str:
     for way, words in (
         ('protect', 'interlock in `protect`'),
         ('operator', f'operator, {REACTION_S:g} s after the alarm'),
-        ('criteria', f'railway criteria, {MARGIN:g} times their quiet level'),
     ):
         avoided = sum(not one[way].hunted for one in hunting)
         times = sorted(one[way].acted_s for one in hunting)

@@ -9,7 +9,7 @@ speed over time, blows, sensors and what happens to them; all follow from one se
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,7 +98,6 @@ class Day:
     speed: _F
     amplitude: _F
     fault_s: float = math.inf
-    notes: dict[str, float] = field(default_factory=dict)
 
     @property
     def title(self) -> str:
@@ -252,24 +251,12 @@ def _path(
     for periods, size in kicks:
         place = min(int(np.searchsorted(t, periods / rig.hz)), t.size - 1)
         shocks[place] += size * np.exp(2j * np.pi * rng.random())
-    fold = rig.fold
-    return _integrate(begin + 0j, speed / rig.v_c - 1.0, shocks, step, rig.pace, fold, rig.scale)
-
-
-def _integrate(
-    z: complex,
-    eps: _F,
-    shocks: NDArray[np.complex128],
-    step: float,
-    pace: float,
-    fold: float,
-    scale: float,
-) -> NDArray[np.complex128]:
-    path = np.empty(eps.size, dtype=np.complex128)
-    for k, (away, shock) in enumerate(zip(eps.tolist(), shocks.tolist(), strict=True)):
-        x = (z.real * z.real + z.imag * z.imag) / scale**2
-        nonlinear = fold * (2.0 * x - x * x) if fold > 0.0 else -0.1 * x
-        z = z * math.exp(pace * (away + nonlinear) * step) + shock
+    z, path = complex(begin), np.empty(t.size, dtype=np.complex128)
+    excess = speed / rig.v_c - 1.0
+    for k, (eps, shock) in enumerate(zip(excess.tolist(), shocks.tolist(), strict=True)):
+        x = (z.real * z.real + z.imag * z.imag) / rig.scale**2
+        nonlinear = rig.fold * (2.0 * x - x * x) if rig.fold else -0.1 * x
+        z = z * math.exp(rig.pace * (eps + nonlinear) * step) + shock
         path[k] = z
     return path
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bounds import sign_time_bound
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -202,7 +201,8 @@ def test_sign_of_growth_is_known_near_the_bound_when_the_speed_changes(hunting_s
         after = rows['stamp_ns'] > 7_000_000_000
         assert not np.any(sure & ~right & after)
         times.append(rows['stamp_ns'][right & after][0] * 1e-9 - 7.0)
-    bound = sign_time_bound(growth, 2e-4, 2e-5, 1e-3)
+    # Where sqrt(24 noise^2 dt / A^2 T^3), its Cramer-Rao bound, is a third of it (Kay, 1993).
+    bound = (24.0 * (3.0 * 2e-5 / 2e-4 / growth) ** 2 * 1e-3) ** (1.0 / 3.0)
     assert np.median(times) < 1.5 * bound + 0.01
 
 
