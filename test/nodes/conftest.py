@@ -38,6 +38,13 @@ sys.path.insert(0, str(Path(__file__).parent))  # for what several tests share
 ROOT = Path(__file__).resolve().parents[2]
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """All tests of this room need ROS."""
+    for item in items:
+        if Path(__file__).parent in item.path.parents:
+            item.add_marker('ros')
+
+
 class Told(list[dict[str, str]]):
     """Statuses as texts, as they came: level, name, message, stamp_ns, and the values of each."""
 

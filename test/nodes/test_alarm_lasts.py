@@ -19,8 +19,6 @@ from hunt_ros.nodes.hunting_detector import HuntingDetectorNode
 from hunt_ros.nodes.support.conversions import twist
 from hunt_ros.nodes.support.qos import latched
 
-pytestmark = pytest.mark.ros
-
 PERIOD_NS = 10_000_000
 
 

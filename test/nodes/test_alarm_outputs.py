@@ -9,8 +9,6 @@ from std_srvs.srv import Trigger
 from hunt_ros.nodes.support.conversions import diagnostic
 from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
 
-pytestmark = pytest.mark.ros
-
 
 @pytest.mark.slow
 def test_it_calls_for_an_alarm_and_for_silence_and_a_cut_relay_harms_no_other(

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
 from std_msgs.msg import String
 
 from hunt_ros.cli.main import main
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.nodes.support.qos import latched
-
-pytestmark = pytest.mark.ros
 
 
 def _form(folder: Path, rig_name: str) -> Path:

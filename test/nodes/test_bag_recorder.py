@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from processes import joint
@@ -27,8 +26,6 @@ from hunt_ros.bag.messages import read_statuses, read_texts
 from hunt_ros.bag.recording import RecordingState
 from hunt_ros.nodes.support.conversions import diagnostic, twist
 from hunt_ros.nodes.support.qos import JOURNAL, latched
-
-pytestmark = pytest.mark.ros
 
 BEGIN_NS = 1_700_000_000_000_000_000
 BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -13,8 +13,6 @@ from hunt_ros.bag.messages import read_texts
 from hunt_ros.cli.main import main
 from hunt_ros.services import SERVICES
 
-pytestmark = pytest.mark.ros
-
 
 @pytest.mark.slow
 def test_a_call_is_done_refused_or_finds_nobody(graph, capsys) -> None:

@@ -7,15 +7,12 @@ import subprocess
 import time
 
 import numpy as np
-import pytest
 from geometry_msgs.msg import TwistStamped
 from processes import HUNT, joint
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 
 from hunt_ros.nodes.support.conversions import twist
-
-pytestmark = pytest.mark.ros
 
 
 def test_live_topics_two_publishers_and_a_clock_that_is_behind(graph) -> None:

@@ -8,8 +8,6 @@ import pytest
 
 from hunt_ros.nodes.support.qos import STATUS, latched
 
-pytestmark = pytest.mark.ros
-
 FORM = Path(__file__).parents[2] / 'bags' / 'paper.yaml'
 
 

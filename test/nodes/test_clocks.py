@@ -17,7 +17,7 @@ from hunt_ros.nodes.support.conversions import joint_writer, to_ns, twist
 from hunt_ros.nodes.support.qos import latched, stream
 from hunt_ros.recorded_run import recorded_run
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 BEHIND_NS = 600_000_000
 STEP_NS = 10_000_000

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import json
 
-import pytest
 from made import python
-
-pytestmark = pytest.mark.ros
 
 #: Answers come in another thread than what is heard.
 _TALK = """

@@ -25,8 +25,6 @@ from hunt_ros.nodes.dashboard import DashboardNode
 from hunt_ros.nodes.support.conversions import diagnostic
 from hunt_ros.nodes.support.qos import STATUS, latched, stream
 
-pytestmark = pytest.mark.ros
-
 
 class Viewer:
     """A page: keeps what the server sends."""

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import pytest
 from processes import joint
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 
 from hunt_ros.nodes.hunting_detector import HuntingDetectorNode
-
-pytestmark = pytest.mark.ros
 
 
 def test_a_driver_with_the_profile_of_sensor_data_is_heard_if_told_so_and_named_if_not(

@@ -16,8 +16,6 @@ from speed_rig import UNGUARDED, Drive, Rig, node_on
 from hunt_ros.nodes.support.conversions import to_time
 from hunt_ros.nodes.support.qos import latched
 
-pytestmark = pytest.mark.ros
-
 #: Largest step between two set points: what passes at most between them, and the default limit.
 _STEP = 0.25 * 1.0 + 1e-9
 

@@ -7,14 +7,11 @@ import threading
 import time
 
 import numpy as np
-import pytest
 from lifecycle_msgs.msg import Transition
 from sensor_msgs.msg import JointState
 
 from hunt_ros.drivers import SensorBlock
 from hunt_ros.nodes.support.sensor import SensorNode
-
-pytestmark = pytest.mark.ros
 
 
 class _Device:

@@ -7,8 +7,6 @@ import signal
 import pytest
 from geometry_msgs.msg import TwistStamped
 
-pytestmark = pytest.mark.ros
-
 #: The promise, s, of a quick idle machine.
 SAYS_S, ENDS_S = 2.0, 2.0
 

@@ -21,8 +21,6 @@ from std_srvs.srv import Trigger
 from hunt_ros.nodes.support.qos import latched, stream
 from hunt_ros.services import SERVICES
 
-pytestmark = pytest.mark.ros
-
 HOLD = 'hold: {speed_mps: 6, duration_s: 1000, rate_mps2: 20}'
 
 

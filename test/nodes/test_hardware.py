@@ -13,8 +13,6 @@ from std_msgs.msg import Float64MultiArray
 from hunt_ros.errors import ConfigError, DriverError
 from hunt_ros.nodes.topic_driver import Sensor, Topic
 
-pytestmark = pytest.mark.ros
-
 
 def test_readings_become_si_and_a_device_that_is_cut_is_heard_again(
     graph, modbus_server, tmp_path

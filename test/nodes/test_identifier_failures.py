@@ -7,14 +7,11 @@ import shutil
 import signal
 from pathlib import Path
 
-import pytest
 from processes import children
 from std_msgs.msg import String
 
 from hunt_ros.nodes.normal_form_identifier import NormalFormIdentifierNode
 from hunt_ros.nodes.support.qos import latched
-
-pytestmark = pytest.mark.ros
 
 BAGS = Path(__file__).resolve().parents[2] / 'bags'
 

@@ -49,7 +49,6 @@ def share() -> Path:
         pytest.skip('hunt_ros is not built by colcon, or its set-up is not sourced')
 
 
-@pytest.mark.ros
 @pytest.mark.slow
 @pytest.mark.parametrize('one_process', ['false', 'true'])
 def test_the_launched_suite_judges_the_simulated_rig_and_ends_cleanly(

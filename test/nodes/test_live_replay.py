@@ -17,8 +17,6 @@ from hunt_ros.nodes.support.conversions import to_ns
 from hunt_ros.nodes.support.qos import EVENTS
 from hunt_ros.samples import Record, Series
 
-pytestmark = pytest.mark.ros
-
 
 def _bag(folder: Path, seconds: float, began_ns: int = 1_700_000_000_000_000_000) -> Path:
     stamps = began_ns + 5_000_000 * np.arange(round(200 * seconds))

@@ -11,7 +11,7 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.nodes.support.form_files import FormFiles
 from hunt_ros.nodes.support.qos import latched
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 
 def test_a_refit_rests_on_all_recordings_and_a_revert_leaves_the_last_one_out(graph) -> None:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rosgraph_msgs.msg import Clock
 
 from hunt_ros.nodes.rig_simulator import Pace
 from hunt_ros.nodes.support.conversions import diagnostic, to_ns
 from hunt_ros.nodes.support.qos import STATUS, stream
-
-pytestmark = pytest.mark.ros
 
 _S = 1_000_000_000
 

@@ -16,8 +16,6 @@ from hunt_ros.cli.support.suite import free_port
 from hunt_ros.drivers.safety_state import SafetyState
 from hunt_ros.nodes.support.sensor import SensorNode
 
-pytestmark = pytest.mark.ros
-
 FORM = Path(__file__).resolve().parents[2] / 'bags' / 'paper.yaml'
 RIG = """
 /**/rig_simulator: {{ros__parameters: {{port: {port}}}}}

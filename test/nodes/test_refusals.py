@@ -5,8 +5,6 @@ from __future__ import annotations
 import pytest
 from made import python
 
-pytestmark = pytest.mark.ros
-
 DEPTH = 'qos_overrides./rig/lateral.subscription.depth'
 
 

@@ -18,8 +18,6 @@ from std_msgs.msg import String
 from hunt_ros.bag import read_columns
 from hunt_ros.cli.main import main
 
-pytestmark = pytest.mark.ros
-
 #: Each of them is in every node of a lab that measures all day.
 _LIGHT = """
 import sys

@@ -5,15 +5,12 @@ from __future__ import annotations
 import signal
 
 import numpy as np
-import pytest
 from lifecycle_msgs.msg import Transition
 from sensor_msgs.msg import JointState
 
 from hunt_ros.drivers.simulated import Channel
 from hunt_ros.drivers.simulator_server import SimulatorServer
 from hunt_ros.nodes.support.conversions import to_ns
-
-pytestmark = pytest.mark.ros
 
 
 def _serve_until_read(graph, server: SimulatorServer) -> None:

@@ -105,7 +105,6 @@ def test_a_process_has_the_enclave_of_its_name() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.ros
 def test_every_name_that_the_suite_uses_is_allowed_and_no_other(graph) -> None:
     axle_box = SENSORS['axle_box']
     names = (*LISTENERS, SIMULATOR, *SOURCES, axle_box, ALARM_OUTPUTS, PAGE)

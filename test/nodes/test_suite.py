@@ -10,7 +10,7 @@ from std_msgs.msg import String
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.nodes.support.qos import latched
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 
 def test_a_sweep_is_recorded_refitted_and_the_form_taken_over_without_a_restart(graph) -> None:

@@ -23,7 +23,7 @@ from hunt_ros.cli.support.processes import NodeSpec
 from hunt_ros.cli.support.supervisor import Supervisor, _Child
 from hunt_ros.nodes.support.qos import STATUS, latched
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Between v_n = 6.41 and v_c = 8.0 of the rig: hunting would not end by itself.

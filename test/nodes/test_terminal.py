@@ -17,7 +17,7 @@ from processes import HUNT, children
 
 from hunt_ros.bag import read_record
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 #: Where a drawing begins: the upper left corner.
 _HOME, _LEAVES = '\x1b[H', '\x1b[?1049l'

@@ -9,13 +9,10 @@ import socket
 from pathlib import Path
 
 import numpy as np
-import pytest
 from made import install_driver
 from sensor_msgs.msg import JointState
 
 from hunt_ros.nodes.support.conversions import to_ns
-
-pytestmark = pytest.mark.ros
 
 ROOT = Path(__file__).parents[2]
 

@@ -16,7 +16,7 @@ import pytest
 
 from hunt_ros.suite import SIMULATOR, SOURCES
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
 _CABLE = Path(__file__).with_name('cable.py')

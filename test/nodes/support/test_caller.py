@@ -9,8 +9,6 @@ from std_srvs.srv import Trigger
 from hunt_ros.nodes.support.caller import Caller
 from hunt_ros.services import SERVICES
 
-pytestmark = pytest.mark.ros
-
 
 @pytest.fixture
 def node(domain):

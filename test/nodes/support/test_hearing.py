@@ -10,8 +10,6 @@ from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.qos import stream
 from hunt_ros.nodes.support.runtime import cheapest_executor
 
-pytestmark = pytest.mark.ros
-
 _MANY = 500
 
 

@@ -17,8 +17,6 @@ from hunt_ros.nodes.roller_speed import RollerSpeedNode
 from hunt_ros.nodes.support.sensor import SensorNode
 from hunt_ros.settings import Settings
 
-pytestmark = pytest.mark.ros
-
 #: A slider of a graphical tool over more than this is of no use.
 _WIDEST = 1e9
 #: Parameters that rclpy declares by itself.

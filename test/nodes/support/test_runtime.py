@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import os
 
-import pytest
-
-pytestmark = pytest.mark.ros
-
 
 def test_a_node_runs_without_an_events_executor(graph, monkeypatch) -> None:
     script = "import sys\nsys.modules['rclpy.experimental'] = None\n"
