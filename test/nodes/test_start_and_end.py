@@ -1,4 +1,4 @@
-"""A normal start and end say nothing that looks like trouble: waiting for a neighbour is none."""
+"""How nodes start and end: quietly, at once, at the safe speed, or with one line that says why not."""
 
 from __future__ import annotations
 
@@ -10,11 +10,95 @@ import time
 from pathlib import Path
 
 import pytest
+from geometry_msgs.msg import TwistStamped
+from made import python
 from processes import HUNT
 
 from hunt_ros.cli.support.suite import free_port
 from hunt_ros.drivers.safety_state import SafetyState
 from hunt_ros.nodes.support.sensor import SensorNode
+
+DEPTH = 'qos_overrides./rig/lateral.subscription.depth'
+
+
+@pytest.mark.parametrize(
+    ('node', 'parameters', 'words'),
+    [
+        ('lateral_sensor', {'sample_rate_hz': 5.0}, 'Parameter sample_rate_hz out of range'),
+        ('lateral_sensor', {'driver': 'telepathy'}, "'telepathy': unknown, those there are:"),
+        ('axle_box_sensor', {}, "driver simulated: no channel 'axle_box', it has lateral, yaw"),
+        ('yaw_sensor', {'calibration': 'table.yaml'}, "table.yaml: unknown key 'table'"),
+        ('roller_speed', {'driver': 'modbus'}, 'neither actual_register nor encoder_register'),
+        ('roller_speed', {'profile': 'hold.yaml'}, 'step 1 (hold): duration_s: -1.0 is below 0'),
+        ('rig_simulator', {'wheelset': 'binary.yaml'}, "wheelset 'binary.yaml': cannot read it"),
+        ('alarm_outputs', {}, 'none of sound, command and relay_coil'),
+        ('alarm_outputs', {'command': '/nowhere/notify'}, "no program '/nowhere/notify'"),
+        ('hunting_detector', {DEPTH: "'many'"}, DEPTH),
+    ],
+)
+def test_what_a_node_refuses_ends_it_with_one_line(graph, node, parameters, words) -> None:
+    (graph.folder / 'table.yaml').write_text('calibration: {table: [[0, 0], [2, 1]]}')
+    (graph.folder / 'hold.yaml').write_text('profile: [{hold: {speed_mps: 6, duration_s: -1}}]')
+    (graph.folder / 'binary.yaml').write_bytes(b'\xff\xfe\xff')
+    graph.start(node, **parameters)
+    assert graph.wait(node, 60.0) == 2
+    said = graph.log(node).read_text().strip()
+    assert words in said.splitlines()[-1]
+    assert 'Traceback' not in said
+
+
+def test_the_executable_of_several_nodes_asks_which() -> None:
+    (line,) = python('-m', 'hunt_ros.nodes.entry', code=2).stderr.splitlines()
+    assert 'bag_recorder' in line
+
+
+#: The promise, s, of a quick idle machine.
+SAYS_S, ENDS_S = 2.0, 2.0
+
+
+def text(graph, node: str) -> str:
+    return graph.log(node).read_text()
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_node_that_imports_says_so_and_ends_without_a_traceback(graph, number) -> None:
+    graph.start('hunting_detector')
+    graph.spin_until(lambda: text(graph, 'hunting_detector'), SAYS_S)
+    assert graph.end('hunting_detector', number, ENDS_S) == 0
+    lines = text(graph, 'hunting_detector').splitlines()
+    assert lines[0] == 'hunting_detector: starting'
+    # Where the import is over within the notice, the node ends by itself and has nothing to say.
+    assert set(lines[1:]) <= {'hunting_detector: ended while starting'}
+
+
+def test_a_node_that_waits_for_its_hardware_ends(graph) -> None:
+    graph.start('roller_speed', port=graph.port)  # where nobody answers
+    graph.spin_until(
+        lambda: ('roller_speed', '/rig') in graph.node.get_node_names_and_namespaces()
+    )
+    assert graph.end('roller_speed', signal.SIGTERM, ENDS_S) == 0
+
+
+def test_the_speed_node_takes_the_roller_to_the_safe_speed_before_it_ends(graph) -> None:
+    speeds = graph.collect(TwistStamped, 'speed')
+    graph.start('rig_simulator', port=graph.port, initial_speed_mps=8.0)
+    drive = {'port': graph.port, 'safe_speed_mps': 6.5, 'safe_deceleration_mps2': 0.5}
+    process = graph.start('roller_speed', **drive)
+    graph.spin_until(lambda: speeds, 60.0)
+    process.send_signal(signal.SIGTERM)
+    process.send_signal(signal.SIGINT)  # the group and its leader each pass it on
+    graph.spin_until(lambda: process.poll() is not None, 30.0)
+    assert process.returncode == 0
+    assert speeds[0].twist.linear.x == pytest.approx(8.0, abs=0.1)
+    assert speeds[-1].twist.linear.x == pytest.approx(6.5, abs=0.1)
+
+
+def test_a_recorder_that_runs_closes_its_recording(graph) -> None:
+    graph.start('bag_recorder')
+    graph.spin_until(lambda: list(graph.folder.glob('recordings/*.active')))
+    assert graph.end('bag_recorder', signal.SIGTERM, ENDS_S) == 0
+    assert not list(graph.folder.glob('recordings/*.active'))
+
 
 FORM = Path(__file__).resolve().parents[2] / 'bags' / 'paper.yaml'
 RIG = """

@@ -1,23 +1,31 @@
-"""An alarm outlasts a pause of the detector node, and settings change without one."""
+"""The detector node: its alarm outlasts pauses, what it hears, another rig's form, its second thread."""
 
 from __future__ import annotations
 
 import json
 import math
+from functools import partial
+from queue import SimpleQueue
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TwistStamped
 from processes import joint
 from rcl_interfaces.msg import Log
 from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from hunt_ros.cli.main import main
-from hunt_ros.nodes.hunting_detector import HuntingDetectorNode
+from hunt_ros.criteria import Verdict
+from hunt_ros.detection import CompanionConfig, Companions
+from hunt_ros.detection.output import MOTION_DTYPE
+from hunt_ros.nodes.hunting_detector import HuntingDetectorNode, accompany
 from hunt_ros.nodes.support.conversions import twist
 from hunt_ros.nodes.support.qos import latched
+from hunt_ros.nodes.support.worker import Worker
 
 PERIOD_NS = 10_000_000
 
@@ -125,3 +133,94 @@ def test_an_alarm_outlasts_pauses_and_settings_change_while_it_runs(graph, resid
     # Each transition once on /rosout, as severe as it is.
     graph.spin_until(lambda: lines('acknowledged at'))
     assert [line.level for line in lines('limit_cycle at')] == [Log.ERROR]
+
+
+def test_a_driver_with_the_profile_of_sensor_data_is_heard_if_told_so_and_named_if_not(
+    graph, resident
+) -> None:
+    health = graph.told()
+    publishers = [
+        graph.node.create_publisher(JointState, channel, qos_profile_sensor_data)
+        for channel in ('lateral', 'yaw')
+    ]
+    node = resident(
+        HuntingDetectorNode,
+        **{'qos_overrides./rig/lateral.subscription.reliability': 'best_effort'},
+    )
+    node.trigger_configure()
+    node.trigger_activate()
+    sent = 0
+
+    def told() -> dict[str, str]:
+        nonlocal sent
+        sent += 1
+        for publisher, name in zip(publishers, ('lateral', 'yaw'), strict=True):
+            publisher.publish(joint(name, 1_000_000_000 + sent * 10_000_000, 1e-6 * sent))
+        return health.last
+
+    graph.spin_until(lambda: int(told().get('received', 0)) > 0)
+    graph.spin_until(lambda: '/rig/yaw is published with best effort' in told()['message'])
+    text = told()['message']
+    assert 'qos_overrides./rig/yaw.subscription.reliability' in text
+    assert '/rig/lateral is published' not in text
+    # As of a killed node and the one that was started in its place.
+    second = graph.node.create_publisher(JointState, 'lateral', qos_profile_sensor_data)
+    other = graph.beside('other')
+    other.create_publisher(JointState, 'lateral', qos_profile_sensor_data)
+    graph.spin_until(lambda: '/rig/lateral has 2 publishers' in told()['message'])
+    assert '/rig/other' in told()['message']
+    assert told()['level'] != 'OK'
+    other.destroy_node()
+    graph.node.destroy_publisher(second)
+
+
+CRITERION = CompanionConfig(criteria=('cfr_213_333',), criteria_scale=0.02, forecast='off')
+SECOND = 10**9
+
+
+class Told:
+    """What `Diagnostics` would say."""
+
+    def __init__(self) -> None:
+        self.failures: list[str] = []
+
+    def failed(self, task: str, error: Exception) -> None:
+        self.failures.append(f'{task}: {error}')
+
+    def done(self, task: str) -> None:
+        self.failures.clear()
+
+
+def _shaking(begin_s: int) -> np.ndarray:
+    """Return what a detector gives out of 8 s of a limit cycle of 2 mm."""
+    stamps = begin_s * SECOND + np.arange(0, 8 * SECOND, 2_000_000)
+    values = 2e-3 * np.sin(2.0 * np.pi * 2.8e-9 * (stamps - stamps[0]))
+    there = np.ones(stamps.size)
+    columns = [stamps, values, 9.0 * there, there * np.nan, there < 0]
+    return np.rec.fromarrays(columns, dtype=MOTION_DTYPE)
+
+
+def test_an_error_in_the_thread_is_told_and_the_next_samples_are_judged(machine) -> None:
+    verdicts: list[Verdict] = []
+
+    def tell(verdict: Verdict) -> None:
+        verdicts.append(verdict)
+        if len(verdicts) == 1:
+            raise ZeroDivisionError('nobody expected this')
+
+    told = Told()
+    motions: SimpleQueue = SimpleQueue()
+    work = partial(accompany, Companions(CRITERION), motions, tell, told)
+    worker = Worker(told.failed, 'beside', work)
+    try:
+        motions.put(_shaking(100))
+        machine.until(lambda: told.failures)
+        assert told.failures == ['criteria and forecast: nobody expected this']
+        seen = len(verdicts)
+        motions.put(_shaking(200))
+        machine.until(lambda: len(verdicts) > seen)
+        assert verdicts[-1].exceeded
+        motions.put(None)  # as an operator does, and a configuration
+        machine.until(lambda: not told.failures)
+    finally:
+        worker.stop()
