@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, Literal
@@ -12,9 +13,10 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
-from hunt_ros.bag import BagWriter
+from hunt_ros.bag import Bag, BagWriter
 from hunt_ros.bag.cdr.message_types import definition_text
 from hunt_ros.bag.record_writer import serialise
+from hunt_ros.errors import BagError
 from hunt_ros.samples import Record, Series
 from hunt_ros.sensors import CHANNEL_FIELDS, JOINT_STATE
 
@@ -58,6 +60,13 @@ def write_messages(path: Path, record: Record, **options: Any) -> Path:
         for at, key, message in sorted(rows, key=itemgetter(0)):
             writer.write(key, at, message)
     return path
+
+
+def written(path: Path, topic: str) -> int:
+    """How many messages of a topic a file holds, also while it is being written."""
+    with suppress(BagError, KeyError), Bag(path) as bag:
+        return bag.topics[topic].messages
+    return 0
 
 
 class Peer:

@@ -23,7 +23,7 @@ from tornado.websocket import websocket_connect
 from hunt_ros.cli.support.suite import free_port
 from hunt_ros.nodes.dashboard import DashboardNode
 from hunt_ros.nodes.support.conversions import diagnostic
-from hunt_ros.nodes.support.qos import STATUS, latched, stream
+from hunt_ros.nodes.support.qos import latched, stream
 
 
 class Viewer:
@@ -56,7 +56,9 @@ def command(port: int, word: str, words: str = '') -> dict:
         return json.load(answer)
 
 
-def test_the_page_shows_what_the_topics_say_and_calls_what_is_asked_for(graph, resident) -> None:
+def test_the_page_shows_what_the_topics_say_and_calls_what_is_asked_for(
+    graph, resident, detector
+) -> None:
     port = free_port()
     resident(DashboardNode, port=port)
     viewer = Viewer(port)
@@ -70,24 +72,21 @@ def test_the_page_shows_what_the_topics_say_and_calls_what_is_asked_for(graph, r
 
     graph.node.create_service(Trigger, 'hunting/acknowledge_alarm', acknowledge)
     lateral = graph.node.create_publisher(JointState, 'lateral', stream(100))
-    status = graph.node.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
+    graph.node.create_timer(0.05, lambda: lateral.publish(joint('lateral', time.time_ns(), 1e-3)))
     drive = graph.node.create_publisher(DiagnosticArray, 'speed/status', latched())
     running = {'profile_state': 'running', 'emergency_stop': False}
     drive.publish(diagnostic(0, 'roller_speed', 'OK', '', running, 'rig'))
 
-    def shown(level: str) -> bool:
-        lateral.publish(joint('lateral', time.time_ns(), 1e-3))
-        values = {'state': 'quiet', 'region': 'stable', 'speed_mps': 5.0, 'amplitude_m': 1e-4}
-        status.publish(diagnostic(time.time_ns(), 'hunting', level, '', values, 'rig'))
-        return viewer.level() == level and len(viewer.rows.get('lateral', ())) > 3
-
-    graph.spin_until(lambda: shown('OK'))
-    graph.spin_until(lambda: shown('ERROR'))
+    graph.spin_until(lambda: viewer.level() == 'OK' and len(viewer.rows.get('lateral', ())) > 3)
+    detector.level = 'ERROR'
+    graph.spin_until(lambda: viewer.level() == 'ERROR')
     assert viewer.sections['drive']['profile_state'] == 'running'
     assert viewer.rows['lateral'][0][2] == 1.0
+    detector.silent = True
     graph.spin_until(lambda: viewer.level() == 'STALE')
     assert 'silent' in viewer.sections['status']['why']
-    graph.spin_until(lambda: shown('OK'))
+    detector.silent = False
+    graph.spin_until(lambda: viewer.level() == 'ERROR')
 
     answers: list[dict] = []
     asked = threading.Thread(

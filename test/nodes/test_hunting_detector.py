@@ -1,9 +1,10 @@
-"""The detector node: its alarm outlasts pauses, what it hears, another rig's form, its second thread."""
+"""The detector node: alarms that outlast it, what it hears, forms of other rigs, its threads."""
 
 from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from functools import partial
 from queue import SimpleQueue
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TwistStamped
+from made import PAPER
 from processes import joint
 from rcl_interfaces.msg import Log
 from rclpy.parameter import Parameter
@@ -176,6 +178,27 @@ def test_a_driver_with_the_profile_of_sensor_data_is_heard_if_told_so_and_named_
 
 CRITERION = CompanionConfig(criteria=('cfr_213_333',), criteria_scale=0.02, forecast='off')
 SECOND = 10**9
+
+
+def test_it_does_not_begin_with_the_form_of_another_rig_nor_take_it_over(graph) -> None:
+    """That would call the wrong speeds safe."""
+    forms = {name: replace(PAPER, rig_name=name).to_yaml() for name in 'AB'}
+    path = graph.folder / 'A.yaml'
+    path.write_text(forms['A'])
+    log = graph.log('hunting_detector')
+    graph.start('hunting_detector', path, rig_name='B')
+    assert graph.wait('hunting_detector') == 2
+    assert "identified on rig 'A', expected 'B'" in log.read_text()
+
+    statuses = graph.told('hunting/status')
+    graph.start('hunting_detector', rig_name='B')
+    graph.spin_until(lambda: statuses)
+    publisher = graph.node.create_publisher(String, 'hunting/normal_form', latched())
+    publisher.publish(String(data=forms['A']))
+    graph.spin_until(lambda: 'the form in force stays' in log.read_text())
+    assert statuses.last.get('v_n_mps', 'nan') in ('nan', '')
+    publisher.publish(String(data=forms['B']))
+    graph.spin_until(lambda: statuses.last.get('v_n_mps', 'nan').startswith('6.4'))
 
 
 class Told:

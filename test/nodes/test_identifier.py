@@ -18,9 +18,8 @@ from hunt_ros.nodes.normal_form_identifier import NormalFormIdentifierNode
 from hunt_ros.nodes.support.form_files import FormFiles
 from hunt_ros.nodes.support.qos import latched
 
-pytestmark = pytest.mark.slow
 
-
+@pytest.mark.slow
 def test_a_refit_rests_on_all_recordings_and_a_revert_leaves_the_last_one_out(graph) -> None:
     closing = graph.node.create_publisher(String, 'recording/closed', latched())
     forms = graph.collect(String, 'hunting/normal_form', latched())
@@ -80,13 +79,6 @@ def _at_work(node: int = os.getpid()) -> list[int]:
     return children(node, '--multiprocessing-fork')
 
 
-def _endless(folder: Path) -> str:
-    """Return a recording that is never read to its end: nobody ever writes it."""
-    path = folder / 'endless.mcap'
-    os.mkfifo(path)
-    return str(path)
-
-
 def test_work_that_is_killed_is_told_and_the_next_recording_is_tried_again(
     graph, resident
 ) -> None:
@@ -113,24 +105,18 @@ def test_work_that_is_killed_is_told_and_the_next_recording_is_tried_again(
     assert str(first) in forms[-1].data, 'the one of the failure is used'
 
 
-def test_a_node_that_ends_takes_its_work_with_it(graph, resident) -> None:
-    closing = graph.node.create_publisher(String, 'recording/closed', latched())
-    node = resident(NormalFormIdentifierNode, directory=graph.folder / 'forms')
-    closing.publish(String(data=_endless(graph.folder)))
-    graph.spin_until(_at_work, 60.0)
-    node.close()
-    graph.spin_until(lambda: not _at_work())
-    assert not list((graph.folder / 'forms').glob('*'))
-
-
-def test_work_ends_when_its_node_is_killed(graph) -> None:
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL])
+def test_work_ends_with_its_node(graph, number) -> None:
     closing = graph.node.create_publisher(String, 'recording/closed', latched())
     process = graph.start('normal_form_identifier', directory=graph.folder / 'forms')
-    closing.publish(String(data=_endless(graph.folder)))
+    endless = graph.folder / 'endless.mcap'
+    os.mkfifo(endless)  # nobody ever writes it
+    closing.publish(String(data=str(endless)))
     graph.spin_until(lambda: _at_work(process.pid), 60.0)
     (child,) = _at_work(process.pid)
-    graph.end('normal_form_identifier', signal.SIGKILL)
+    graph.end('normal_form_identifier', number)
     graph.spin_until(lambda: not Path(f'/proc/{child}').exists(), 60.0)
+    assert not list((graph.folder / 'forms').glob('*'))
 
 
 def test_a_recording_that_determines_no_normal_form_is_told_with_what_is_missing(

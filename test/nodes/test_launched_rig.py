@@ -21,7 +21,7 @@ from ament_index_python.packages import (  # noqa: E402
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 
 from hunt_ros.bag import read_record  # noqa: E402
-from test.nodes.test_quiet_start import FORM, RIG, loud_lines  # noqa: E402
+from test.nodes.test_start_and_end import FORM, RIG, loud_lines  # noqa: E402
 
 #: What `ros2 launch` does with a file and NAME:=VALUE.
 LAUNCH = """

@@ -8,6 +8,7 @@ import socket
 import subprocess
 import termios
 import time
+from dataclasses import replace
 
 import pytest
 from made import PAPER, python
@@ -39,6 +40,17 @@ def test_a_run_without_a_rig_says_what_it_expects(capsys, tmp_path) -> None:
     assert main(['run', '--directory', str(tmp_path)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert all(word in line for word in ('--simulated', '--listen', '--rig'))
+
+
+def test_a_run_with_the_form_of_another_rig_starts_nothing(tmp_path, capsys) -> None:
+    """That would call the wrong speeds safe."""
+    rig, form = tmp_path / 'rig_file.yaml', tmp_path / 'A.yaml'
+    rig.write_text('/**: {ros__parameters: {rig_name: B}}\n')
+    form.write_text(replace(PAPER, rig_name='A').to_yaml())
+    words = ['--rig', str(rig), '--normal-form', str(form)]
+    assert main(['run', *words, '--directory', str(tmp_path / 'recordings')]) == 2
+    assert "A.yaml: identified on rig 'A', expected 'B'" in capsys.readouterr().err
+    assert not (tmp_path / 'recordings').exists()
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""How nodes start and end: quietly, at once, at the safe speed, or with one line that says why not."""
+"""How nodes start and end: quietly, at the safe speed, or with one line that says why not."""
 
 from __future__ import annotations
 
@@ -52,10 +52,6 @@ def test_the_executable_of_several_nodes_asks_which() -> None:
     assert 'bag_recorder' in line
 
 
-#: The promise, s, of a quick idle machine.
-SAYS_S, ENDS_S = 2.0, 2.0
-
-
 def text(graph, node: str) -> str:
     return graph.log(node).read_text()
 
@@ -63,8 +59,8 @@ def text(graph, node: str) -> str:
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_node_that_imports_says_so_and_ends_without_a_traceback(graph, number) -> None:
     graph.start('hunting_detector')
-    graph.spin_until(lambda: text(graph, 'hunting_detector'), SAYS_S)
-    assert graph.end('hunting_detector', number, ENDS_S) == 0
+    graph.spin_until(lambda: text(graph, 'hunting_detector'))
+    assert graph.end('hunting_detector', number) == 0
     lines = text(graph, 'hunting_detector').splitlines()
     assert lines[0] == 'hunting_detector: starting'
     # Where the import is over within the notice, the node ends by itself and has nothing to say.
@@ -76,7 +72,7 @@ def test_a_node_that_waits_for_its_hardware_ends(graph) -> None:
     graph.spin_until(
         lambda: ('roller_speed', '/rig') in graph.node.get_node_names_and_namespaces()
     )
-    assert graph.end('roller_speed', signal.SIGTERM, ENDS_S) == 0
+    assert graph.end('roller_speed', signal.SIGTERM) == 0
 
 
 def test_the_speed_node_takes_the_roller_to_the_safe_speed_before_it_ends(graph) -> None:
@@ -96,7 +92,7 @@ def test_the_speed_node_takes_the_roller_to_the_safe_speed_before_it_ends(graph)
 def test_a_recorder_that_runs_closes_its_recording(graph) -> None:
     graph.start('bag_recorder')
     graph.spin_until(lambda: list(graph.folder.glob('recordings/*.active')))
-    assert graph.end('bag_recorder', signal.SIGTERM, ENDS_S) == 0
+    assert graph.end('bag_recorder', signal.SIGTERM) == 0
     assert not list(graph.folder.glob('recordings/*.active'))
 
 
