@@ -148,13 +148,6 @@ def test_what_turned_in_a_gap_does_not_change_the_diameter(check) -> None:
     assert found['diameter', 'roller']['value'] == pytest.approx(DIAMETER_M, rel=1e-3)
 
 
-def test_a_recording_that_was_cut_is_said_to_be_damaged(tmp_path, capsys) -> None:
-    bag = write_record(tmp_path / 'bag', _sound())
-    (tmp_path / 'bag' / 'metadata.yaml').unlink()
-    assert main(['check', str(bag)]) == 0
-    assert 'warn    damage               damaged: it was not closed' in capsys.readouterr().out
-
-
 def test_a_person_reads_a_line_a_check(check, tmp_path, capsys) -> None:
     check(_sound())
     assert main(['check', str(tmp_path / 'bag')]) == 0

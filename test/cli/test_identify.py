@@ -64,16 +64,6 @@ def test_three_days_of_the_flutter_rig_are_bracketed(tmp_path, capsys):
     assert v_c is None or v_c['ci95'][1] > seen['v_c_above_mps']
 
 
-def test_a_bag_that_was_cut_is_used_and_said_to_be_damaged(bag, tmp_path, capsys):
-    cut = tmp_path / 'cut.mcap'
-    (whole,) = bag.glob('*.mcap')
-    content = whole.read_bytes()
-    cut.write_bytes(content[: len(content) * 9 // 10])
-    main(['identify', str(cut), '--json', '-'])
-    warnings = json.loads(capsys.readouterr().out)['warnings']
-    assert any(warning.startswith(f'{cut}: damaged: ') for warning in warnings)
-
-
 def test_a_fold_is_told_where_no_critical_speed_is(bag, tmp_path, monkeypatch):
     monkeypatch.setattr(GrowthLaw, 'critical_speed', None)
     out, target = tmp_path / 'form.yaml', tmp_path / 'result.json'

@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
-from made import PAPER, record_of
+from made import PAPER
 
-from hunt_ros.bag import read_record, write_record
+from hunt_ros.bag import read_record
 from hunt_ros.cli.main import VERBS, main, module_of, parser_of
 from hunt_ros.cli.support.options import settings_of
 from hunt_ros.cli.support.output import write_json
@@ -96,20 +95,6 @@ def test_replay_runs_criteria_and_forecast_beside_the_detector(capsys) -> None:
     printed = capsys.readouterr().out
     assert 'v_c from' not in printed
     assert 'CRITERION' not in printed
-
-
-def test_replay_says_that_the_recording_was_cut_short(capsys, tmp_path) -> None:
-    record = record_of(1.0 + np.arange(300) / 100.0, lateral=0.0, speed=7.0)
-    bag = write_record(tmp_path / 'bag', record)
-    (file,) = bag.glob('*.mcap')
-    cut = tmp_path / 'cut.mcap'
-    cut.write_bytes(file.read_bytes()[:-100])
-    assert main(['replay', str(bag), '--json', '-']) == 0
-    assert not any('damaged' in line for line in json.loads(capsys.readouterr().out)['warnings'])
-    assert main(['replay', str(cut), '--json', '-']) == 0
-    warnings = json.loads(capsys.readouterr().out)['warnings']
-    assert any(line.startswith('damaged: ') for line in warnings)
-    assert 'no yaw channel in the recording' in warnings
 
 
 def test_simulate_runs_a_profile_whose_step_ends_by_the_amplitude(capsys, tmp_path) -> None:

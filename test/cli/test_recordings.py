@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made import record_of
 
 from hunt_ros.bag import BagWriter, read_record, write_record
 from hunt_ros.cli.main import main
@@ -57,6 +58,25 @@ def test_info_repairs_what_cannot_even_be_opened_in_full(
     assert len(read_record(tmp_path / 'saved')['lateral']) == document['saved']['/rig/lateral']
     assert main(words) == 2  # never over what is there
     assert 'exists already' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('verb', 'code'), [('replay', 0), ('check', 0), ('identify', 1), ('info', 1)]
+)
+def test_a_recording_that_was_cut_is_used_and_said_to_be_damaged(
+    tmp_path: Path, verb: str, code: int
+) -> None:
+    seconds = np.arange(2000) / 100.0
+    hit = 1e-3 * np.exp(0.5 * (5.0 - seconds)) * np.sin(18.0 * seconds) * (seconds > 5.0)
+    noise = 5e-6 * np.random.default_rng(3).standard_normal(2000)
+    bag = write_record(tmp_path / 'bag', record_of(seconds, lateral=hit + noise, speed=7.0))
+    (whole,), cut, out = bag.glob('*.mcap'), tmp_path / 'cut.mcap', tmp_path / 'out.json'
+    cut.write_bytes(whole.read_bytes()[:-100])
+    for file, is_damaged in ((whole, False), (cut, True)):
+        expected = 0 if verb == 'info' and not is_damaged else code
+        assert main([verb, str(file), '--json', str(out)]) == expected
+        assert ('cut.mcap: no usable summary' in out.read_text()) == is_damaged
+    assert ('no yaw channel in the recording' in out.read_text()) == (verb == 'replay')
 
 
 def test_info_of_a_recording_that_is_still_open(bag: Path, tmp_path: Path, capsys) -> None:
