@@ -226,37 +226,34 @@ def test_what_is_not_there_is_said_in_one_line(bag: Path, source: str, words: st
     assert '\n' not in str(caught.value)
 
 
-def test_missing_bags_and_channels_are_said_in_one_line(bag: Path, tmp_path: Path) -> None:
-    with pytest.raises(BagError, match='no such recording'):
-        read_record(tmp_path / 'nothing')
-    with pytest.raises(BagError, match=r'no \.mcap or \.db3 file in it'):
-        read_record(tmp_path)
-    (tmp_path / 'empty.mcap').touch()
-    with pytest.raises(BagError, match='empty'):
-        read_record(tmp_path / 'empty.mcap')
-    (tmp_path / 'text.mcap').write_text('hello')
-    with pytest.raises(BagError, match='not an MCAP file'):
-        read_record(tmp_path / 'text.mcap')
-    (tmp_path / 'text.db3').write_text('hello')
-    with pytest.raises(BagError, match='SQLite'):
-        read_record(tmp_path / 'text.db3')
-    (tmp_path / 'packed.mcap.zstd').write_bytes(zstandard.compress(b'hello'))
-    with pytest.raises(BagError, match='not an MCAP file'):
-        read_record(tmp_path / 'packed.mcap.zstd')
-    (tmp_path / 'table.xls').write_text('hello')
-    with pytest.raises(BagError, match='not a recording'):
-        read_record(tmp_path / 'table.xls')
-    only_yaw = Record({'yaw': Series([1, 2], [1.0, 2.0])})
-    path = write_record(tmp_path / 'yaw', only_yaw)
-    with pytest.raises(BagError, match='channel speed is not in it'):
-        read_record(path, require=['speed'])
-    with BagWriter(tmp_path / 'mute') as writer:
+@pytest.mark.parametrize(
+    ('name', 'content', 'words'),
+    [
+        ('nothing', None, 'no such recording'),
+        ('', None, r'no \.mcap or \.db3 file in it'),
+        ('empty.mcap', b'', 'empty'),
+        ('text.mcap', b'hello', 'not an MCAP file'),
+        ('text.db3', b'hello', 'SQLite'),
+        ('packed.mcap.zstd', zstandard.compress(b'hello'), 'not an MCAP file'),
+        ('table.xls', b'hello', 'not a recording'),
+    ],
+)
+def test_what_is_no_recording_is_said_in_one_line(tmp_path: Path, name, content, words) -> None:
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(BagError, match=words):
+        read_record(tmp_path / name)
+
+
+def test_a_channel_that_is_wanted_and_is_not_there_or_says_nothing(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'run') as writer:
         writer.topic('/rig/speed', 'geometry_msgs/msg/TwistStamped')
         key = writer.topic('/rig/yaw', 'sensor_msgs/msg/JointState')
-        for stamp, message in zip([1, 2], serialise('yaw', only_yaw['yaw']), strict=True):
-            writer.write(key, stamp, bytes(message))
-    with pytest.raises(BagError, match='channel speed holds no messages'):
-        read_record(tmp_path / 'mute', require=['speed'])
+        for message in serialise('yaw', Series([1, 2], [1.0, 2.0])):
+            writer.write(key, 1, bytes(message))
+    for channel, words in (('lateral', 'is not in it'), ('speed', 'holds no messages')):
+        with pytest.raises(BagError, match=f'channel {channel} {words}'):
+            read_record(tmp_path / 'run', require=[channel])
 
 
 def test_a_joint_is_found_by_its_name_in_any_order(tmp_path: Path) -> None:

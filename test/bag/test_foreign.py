@@ -53,6 +53,19 @@ def joint_states(count: int, name: str = 'lateral', first: float = 0.0) -> list[
     return [bytes(row) for row in rows]
 
 
+def recorded(
+    path: Path, lateral: int | list[bytes], speed: bool = False, **options: object
+) -> Path:
+    """Return a file of another recorder: these messages of `lateral`, or so many, and `speed`."""
+    messages = joint_states(lateral) if isinstance(lateral, int) else lateral
+    with Peer(path, **options) as peer:
+        peer.add(peer.channel('/rig/lateral'), messages)
+        if speed:
+            moving = joint_states(len(messages), 'speed')
+            peer.add(peer.channel('/rig/speed', CHANNEL_FIELDS['speed'][0]), moving)
+    return path
+
+
 def renamed(messages: list[bytes], name: str) -> list[bytes]:
     """JointStates of another joint."""
     found = []
@@ -144,8 +157,7 @@ def test_a_disk_that_refuses_ends_the_repair(tmp_path, monkeypatch, capsys, shar
     folder = tmp_path / 'run'
     folder.mkdir()
     for number in range(3):
-        with Peer(folder / f'run_{number}.mcap') as peer:
-            peer.add(peer.channel('/rig/lateral'), joint_states(500))
+        recorded(folder / f'run_{number}.mcap', 500)
     room = int(share * sum(file.stat().st_size for file in folder.iterdir()))
     write = module._write
     left = [room]
@@ -165,8 +177,7 @@ def test_a_disk_that_refuses_ends_the_repair(tmp_path, monkeypatch, capsys, shar
 def test_a_repair_that_leaves_a_file_out_says_so_with_its_exit_code(tmp_path) -> None:
     folder = tmp_path / 'run'
     folder.mkdir()
-    with Peer(folder / 'run_0.mcap') as peer:
-        peer.add(peer.channel('/rig/lateral'), joint_states(50))
+    recorded(folder / 'run_0.mcap', 50)
     (folder / 'run_1.mcap').write_bytes(b'no recording at all')
     assert main(['info', str(folder), '--repair', str(tmp_path / 'saved')]) == 1
 
@@ -220,10 +231,7 @@ def without_channels(path: Path, topic: bytes) -> None:
 
 
 def test_messages_that_nothing_describes_are_missed(tmp_path) -> None:
-    file = tmp_path / 'a.mcap'
-    with Peer(file, use_chunking=False) as peer:
-        for name in ('lateral', 'speed'):
-            peer.add(peer.channel(f'/rig/{name}', CHANNEL_FIELDS[name][0]), joint_states(50, name))
+    file = recorded(tmp_path / 'a.mcap', 50, speed=True, use_chunking=False)
     without_channels(file, b'/rig/speed')
     assert any('50 messages' in text and 'described nowhere' in text for text in problems(file))
     without_channels(file, b'/rig/lateral')
@@ -232,9 +240,8 @@ def test_messages_that_nothing_describes_are_missed(tmp_path) -> None:
 
 @pytest.mark.parametrize('damaged', [(0, 8), (0, 300), (60, 200)])
 def test_a_damaged_beginning_costs_its_messages_and_no_topic(tmp_path, damaged) -> None:
-    file = tmp_path / 'a.mcap'
-    with Peer(file, chunk_size=2000) as peer:  # it describes a topic in its first chunk alone
-        peer.add(peer.channel('/rig/lateral'), joint_states(500))
+    # It describes a topic in its first chunk alone.
+    file = recorded(tmp_path / 'a.mcap', 500, chunk_size=2000)
     raw = bytearray(file.read_bytes())
     first, last = damaged
     raw[first:last] = bytes(last - first)
@@ -301,10 +308,8 @@ def test_messages_of_velocities_alone_are_passed_over_and_told(tmp_path, field) 
 
 @pytest.mark.parametrize('options', [{}, {'use_chunking': False}], ids=['chunks', 'none'])
 def test_one_message_with_an_impossible_time_closes_no_channel(tmp_path, options) -> None:
-    file = tmp_path / 'a.mcap'
-    with Peer(file, compression=CompressionType.NONE, enable_crcs=False, **options) as peer:
-        for name in ('lateral', 'speed'):
-            peer.add(peer.channel(f'/rig/{name}', CHANNEL_FIELDS[name][0]), joint_states(90, name))
+    bare = {'compression': CompressionType.NONE, 'enable_crcs': False}
+    file = recorded(tmp_path / 'a.mcap', 90, speed=True, **bare, **options)
     data = bytearray(file.read_bytes())
     stamp = struct.pack('<QQ', BEGIN_NS + 420_000_000, BEGIN_NS + 420_000_017)
     at = data.index(stamp)
@@ -316,9 +321,7 @@ def test_one_message_with_an_impossible_time_closes_no_channel(tmp_path, options
 
 
 def test_a_chunk_without_messages_does_not_begin_the_recording_in_1970(tmp_path) -> None:
-    file = tmp_path / 'a.mcap'
-    with Peer(file, compression=CompressionType.NONE) as peer:
-        peer.add(peer.channel('/rig/lateral'), joint_states(50))
+    file = recorded(tmp_path / 'a.mcap', 50, compression=CompressionType.NONE)
     data = file.read_bytes()
     head = struct.unpack_from('<Q', data, 9)[0] + 17
     text = b'float64 x\n'
@@ -332,9 +335,7 @@ def test_a_chunk_without_messages_does_not_begin_the_recording_in_1970(tmp_path)
 
 
 def test_files_named_in_a_folder_below_are_found(tmp_path) -> None:
-    with Peer(tmp_path / 'a.mcap') as peer:
-        peer.add(peer.channel('/rig/lateral'), joint_states(50))
-    folder = write_record(tmp_path / 'run', read_record(tmp_path / 'a.mcap'))
+    folder = write_record(tmp_path / 'run', read_record(recorded(tmp_path / 'a.mcap', 50)))
     (folder / 'data').mkdir()
     (folder / 'run_0.mcap').rename(folder / 'data' / 'run_0.mcap')
     about = folder / 'metadata.yaml'
@@ -351,21 +352,16 @@ def empty_headers(messages: list[bytes], rows: list[int], stamp: bytes = bytes(8
 
 def test_an_empty_stamp_is_the_log_time_of_its_message(tmp_path) -> None:
     """A sensor that publishes before its clock is there."""
-    with Peer(tmp_path / 'a.mcap') as peer:
-        lateral = empty_headers(joint_states(90), [0, 1, 2])
-        peer.add(peer.channel('/rig/lateral'), lateral)
-        peer.add(peer.channel('/rig/speed', CHANNEL_FIELDS['speed'][0]), joint_states(90, 'speed'))
-    found = read_record(tmp_path / 'a.mcap')
+    lateral = empty_headers(joint_states(90), [0, 1, 2])
+    found = read_record(recorded(tmp_path / 'a.mcap', lateral, speed=True))
     expected = BEGIN_NS + np.arange(90) * 10_000_000
     np.testing.assert_array_equal(found['lateral'].stamps_ns, expected)
     assert found.duration_s == pytest.approx(0.89)
 
 
 def test_a_record_far_longer_than_it_was_recorded_is_refused(tmp_path) -> None:
-    with Peer(tmp_path / 'a.mcap') as peer:
-        lateral = empty_headers(joint_states(90), [40], struct.pack('<iI', 7, 0))
-        peer.add(peer.channel('/rig/lateral'), lateral)
-        peer.add(peer.channel('/rig/speed', CHANNEL_FIELDS['speed'][0]), joint_states(90, 'speed'))
+    lateral = empty_headers(joint_states(90), [40], struct.pack('<iI', 7, 0))
+    recorded(tmp_path / 'a.mcap', lateral, speed=True)
     for channels in ({}, {'speed': 6.0}):
         with pytest.raises(BagError, match='lateral: a stamp of 7'):
             read_record(tmp_path / 'a.mcap', channels)
@@ -375,10 +371,8 @@ def test_a_record_far_longer_than_it_was_recorded_is_refused(tmp_path) -> None:
 def test_times_of_a_simulation_are_times(tmp_path) -> None:
     """Stamps that begin at zero and run 50 times as fast as the recorder's clock."""
     stamps = np.arange(1, 3000) * 500_000_000
-    with Peer(tmp_path / 'a.mcap') as peer:
-        rows = serialise('lateral', Series(stamps, np.arange(float(stamps.size))))
-        peer.add(peer.channel('/rig/lateral'), [bytes(row) for row in rows])
-    record = read_record(tmp_path / 'a.mcap')
+    rows = serialise('lateral', Series(stamps, np.arange(float(stamps.size))))
+    record = read_record(recorded(tmp_path / 'a.mcap', [bytes(row) for row in rows]))
     np.testing.assert_array_equal(record['lateral'].stamps_ns, stamps)
     assert Record(record).duration_s > 1000.0
 
@@ -397,8 +391,7 @@ def test_what_was_wrong_with_the_original_is_not_wrong_with_what_was_made_of_it(
 
 
 def test_a_dangling_link_and_a_pipe_in_a_folder_are_passed_over(tmp_path) -> None:
-    with Peer(tmp_path / 'a.mcap') as peer:
-        peer.add(peer.channel('/rig/lateral'), joint_states(50))
+    recorded(tmp_path / 'a.mcap', 50)
     (tmp_path / 'b.mcap').symlink_to(tmp_path / 'nowhere.mcap')
     os.mkfifo(tmp_path / 'c.mcap')
     assert len(read_record(tmp_path)['lateral']) == 50

@@ -57,16 +57,6 @@ def test_matlab_5_and_7_3_and_numpy_hold_the_same(matrix: np.ndarray, tmp_path: 
         check_matrix(load_record(tmp_path / name, MAPPING, rate_hz=250.0), matrix)
 
 
-def test_tdms_channels_are_found_with_and_without_their_group(tmp_path: Path) -> None:
-    nptdms = pytest.importorskip('nptdms', reason='the extra tdms is not installed')
-    values = np.linspace(0, 1, 50)
-    with nptdms.TdmsWriter(tmp_path / 'a.tdms') as writer:
-        writer.write_segment([nptdms.ChannelObject('daq', 'y', values)])
-    for source in ('y', 'daq/y'):
-        record = load_record(tmp_path / 'a.tdms', [f'lateral={source}*0.001'], rate_hz=10.0)
-        np.testing.assert_array_equal(record['lateral'].values, values * 0.001)
-
-
 def test_matlab_structures_are_followed(tmp_path: Path) -> None:
     savemat(tmp_path / 's.mat', {'run': {'daq': {'y': np.arange(5.0)}, 't': np.arange(5.0)}})
     record = load_record(tmp_path / 's.mat', ['lateral=run.daq.y'], time='run.t')
@@ -76,20 +66,28 @@ def test_matlab_structures_are_followed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    'text',
+    ('text', 'channels'),
     [
-        't,y\n0,1\n0.5,2\n1,3\n',
-        't\ty\n0\t1\n0.5\t2\n1\t3\n',
-        '# made by a logger\nt y\n0 1\n0.5 2\n1 3\n',
-        't;y\ns;mm\n0;1\n0,5;2\n1;3\n',
-        '\ufefft, y\n0, 1\n0.5, 2\n\n1, 3\n',
+        ('t,y\n0,10\n0.5,20\n', ['lateral=y*0.001']),
+        ('t\ty\n0\t10\n0.5\t20\n', ['lateral=y*0.001']),
+        ('# made by a logger\nt y\n0 10\n0.5 20\n', ['lateral=y*0.001']),
+        ('t;y\ns;mm\n0;10\n0,5;20\n', ['lateral=y*0.001']),
+        ('\ufefft, y\n0, 10\n\n0.5, 20\n\n', ['lateral=y*0.001']),
+        ('t,lateral\n\n0,0.01\n\n0.5,0.02\n', []),
+        ('# rig 1\n# t,lateral\n0,0.01\n0.5,0.02\n', []),  # numpy.savetxt
+        ('t,lateral,remark,ok\n0,0.01,start,TRUE\n0.5,0.02,,FALSE\n', []),
+        # A constant leaves the columns that are found by name.
+        ('t,lateral,speed_setpoint\n0,0.01,9\n0.5,0.02,9\n', ['speed=5']),
+        ('1,10\n2,20\n', ['lateral=c1*0.001']),  # without names its columns are counted
     ],
 )
-def test_csv_in_the_forms_loggers_write(tmp_path: Path, text: str) -> None:
+def test_csv_in_the_forms_loggers_write(tmp_path: Path, text: str, channels: list[str]) -> None:
     (tmp_path / 'a.csv').write_text(text, encoding='utf-8')
-    record = load_record(tmp_path / 'a.csv', ['lateral=y*0.001'])
-    np.testing.assert_allclose(record['lateral'].values, [0.001, 0.002, 0.003], rtol=1e-15)
-    np.testing.assert_array_equal(np.diff(record['lateral'].stamps_ns), [5 * 10**8] * 2)
+    rate = {'rate_hz': 2.0} if 'lateral=c1*0.001' in channels else {}
+    record = load_record(tmp_path / 'a.csv', channels, **rate)
+    np.testing.assert_allclose(record['lateral'].values, [0.01, 0.02], rtol=1e-15)
+    np.testing.assert_array_equal(np.diff(record['lateral'].stamps_ns), [5 * 10**8])
+    assert set(record) == {'lateral', *(['speed'] if 'speed=5' in channels else [])}
 
 
 @pytest.mark.parametrize('end', ['2,2.', '2,2.5e-0', '2', '2,2.5\0\0\0'])
@@ -100,31 +98,12 @@ def test_a_last_line_that_was_cut_is_left_out_and_told(tmp_path: Path, capsys, e
     assert read_record(tmp_path / 'out')['lateral'].values.tolist() == [0.01, 0.02]
 
 
-@pytest.mark.parametrize(
-    'text',
-    [
-        't,lateral\n\n0,0.01\n\n1,0.02\n',
-        '# rig 1\n# t,lateral\n0,0.01\n1,0.02\n',  # numpy.savetxt
-        't,lateral,remark,ok\n0,0.01,start,TRUE\n1,0.02,,FALSE\n',
-    ],
-)
-def test_what_stands_beside_the_numbers_is_passed_over(tmp_path: Path, text: str) -> None:
-    (tmp_path / 'a.csv').write_text(text)
-    assert load_record(tmp_path / 'a.csv')['lateral'].values.tolist() == [0.01, 0.02]
-
-
 def test_times_that_are_none_are_refused(tmp_path: Path) -> None:
     microseconds, too_late = np.arange(300) * 10_000, np.arange(300) * 10**16
     for times in (microseconds, too_late.astype('datetime64[us]')):
         np.savez(tmp_path / 'a.npz', lateral=np.zeros(300), t=times)
         with pytest.raises(BagError, match=r'days apart|reaches beyond'):
             load_record(tmp_path / 'a.npz', ['speed=5'], time='t')
-
-
-def test_csv_without_names_counts_its_columns(tmp_path: Path) -> None:
-    (tmp_path / 'a.csv').write_text('1,10\n2,20\n')
-    record = load_record(tmp_path / 'a.csv', ['lateral=c1'], rate_hz=10.0)
-    np.testing.assert_array_equal(record['lateral'].values, [10.0, 20.0])
 
 
 @pytest.mark.parametrize('ending', ['csv', 'parquet', 'npz'])
@@ -288,12 +267,6 @@ def test_a_stamp_before_the_clock_was_set_is_refused(tmp_path: Path, stamps) -> 
         load_record(tmp_path / 'a.csv')
 
 
-def test_a_constant_leaves_the_columns_that_are_found_by_name(tmp_path: Path) -> None:
-    (tmp_path / 'a.csv').write_text('t,lateral,speed_setpoint\n0,1,9\n1,2,9\n')
-    record = load_record(tmp_path / 'a.csv', ['speed=5'])
-    assert set(record) == {'lateral', 'speed'}
-
-
 def test_rate_and_times_contradict_each_other(tmp_path: Path) -> None:
     (tmp_path / 'a.csv').write_text('t,lateral\n0,1\n1,2\n')
     with pytest.raises(BagError, match='not both'):
@@ -329,7 +302,9 @@ def test_all_runs_of_a_structure_array_become_one_record(tmp_path: Path, airspee
             load_record(tmp_path / 'a.mat', [f'lateral={source}'], rate_hz=100.0)
 
 
-def test_waveforms_of_tdms_have_times_of_their_own(tmp_path: Path) -> None:
+def test_channels_of_tdms_have_groups_and_waveforms_their_times(
+    tmp_path: Path,
+) -> None:
     nptdms = pytest.importorskip('nptdms', reason='the extra tdms is not installed')
     begin = np.datetime64('2026-11-23T10:00:00.5', 'us')
 
@@ -342,6 +317,11 @@ def test_waveforms_of_tdms_have_times_of_their_own(tmp_path: Path) -> None:
     with nptdms.TdmsWriter(tmp_path / 'a.tdms') as writer:
         both = [channel('lateral', 500, 0.002, 'mm'), channel('speed', 100, 0.01, 'km/h')]
         writer.write_segment(both)
+    with nptdms.TdmsWriter(tmp_path / 'b.tdms') as writer:
+        writer.write_segment([nptdms.ChannelObject('daq', 'y', np.arange(50.0))])
+    for source in ('y', 'daq/y'):
+        bare = load_record(tmp_path / 'b.tdms', [f'lateral={source}*0.001'], rate_hz=10.0)
+        np.testing.assert_array_equal(bare['lateral'].values, 0.001 * np.arange(50))
     record = load_record(tmp_path / 'a.tdms')
     assert record.start_ns == begin.astype('datetime64[ns]').astype(np.int64)
     np.testing.assert_array_equal(np.diff(record['lateral'].stamps_ns), 2_000_000)
