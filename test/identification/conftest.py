@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import made
 import numpy as np
@@ -11,7 +12,7 @@ from records_made import amplitude_record, staircase, sweep, trajectories
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
 from hunt_ros.dynamics.growth_law import QUINTIC, TERMS, lawful
-from hunt_ros.identification import Identification
+from hunt_ros.identification import Identification, identify
 from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.result import FitSummary
 from hunt_ros.samples import Record
@@ -51,6 +52,12 @@ def identification_of_the_paper(seed: int = 1) -> Identification:
 def records() -> dict[str, list[Record]]:
     """Records that several tests share, made once."""
     return {'trajectories': trajectories(1), 'staircase': [staircase(0)], 'sweep': [sweep(1)]}
+
+
+@pytest.fixture(scope='session')
+def identified(records) -> Callable[[str], Identification]:
+    """Return a function that identifies some of these records, each once."""
+    return cache(lambda name: identify(records[name]))
 
 
 @pytest.fixture(scope='session')

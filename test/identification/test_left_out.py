@@ -52,13 +52,13 @@ def test_an_interval_of_no_recording_is_refused_and_an_empty_one_is_said(loop):
     assert any('no sample is between 900 and 950 s' in line for line in found.notices)
 
 
-def test_readings_at_the_end_of_a_range_that_is_known_are_left_out(loop):
+def test_readings_at_the_end_of_a_range_that_is_known_are_left_out(loop, identified):
     # Cut so seldom that the readings themselves do not show it.
     limit = float(np.nanquantile(np.abs(loop['lateral'].values), 0.9995))
     cut = changed(loop, lambda time, value: np.clip(value, -limit, limit))
     said = identify(cut, IdentificationSettings(lateral_range_m=limit)).notices
     assert any('lateral is saturated at' in line for line in said)
-    assert not any('saturated' in line for line in identify(loop).notices)
+    assert not any('saturated' in line for line in identified('sweep').notices)
 
 
 def test_motion_at_the_flange_is_said_and_not_fitted(loop, clean):

@@ -9,15 +9,15 @@ import pytest
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import IdentificationError
-from hunt_ros.identification import Identification, identify
+from hunt_ros.identification import Identification
 from hunt_ros.identification.posterior import QUANTITIES
 
 SPEEDS = [6.0, 6.8, 7.2, 7.6, 8.4]
 
 
 @pytest.fixture(scope='module')
-def result(records):
-    return identify(records['sweep'])
+def result(identified):
+    return identified('sweep')
 
 
 @pytest.fixture(scope='module')

@@ -140,11 +140,11 @@ def test_a_record_of_nothing_but_stops_is_refused_by_name():
 
 
 @pytest.mark.parametrize('sides', [(-4.5e-4, 4.5e-4), (-np.inf, 4.5e-4)])
-def test_what_is_said_of_a_clipped_recording_is_true_or_not_said(records, sides):
+def test_what_is_said_of_a_clipped_recording_is_true_or_not_said(records, identified, sides):
     loop = records['sweep'][0]
     result = identify([changed(loop, lateral=lambda y: np.clip(y, *sides))])
     assert any('saturated' in line for line in result.warnings)
-    whole = identify([loop])
+    whole = identified('sweep')
     for name in ('v_c', 'v_n'):
         said, known = getattr(result, name), getattr(whole, name)
         assert said is None or (said.low <= known.high and known.low <= said.high)
