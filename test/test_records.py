@@ -1,4 +1,4 @@
-"""Records: the same fields for compiled kernels and for plain Python."""
+"""Records: to set one copies it, in memory as in plain Python; kernels and objects do the same."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import compiled
 from hunt_ros.records import zeros
 
 
@@ -16,7 +15,6 @@ class Point:
     """A part of a record."""
 
     x: float
-    seen: bool
 
 
 class Path:
@@ -28,42 +26,28 @@ class Path:
     table: Annotated[NDArray[np.float64], 2, 4]
 
 
-def _fill(path: Path) -> None:
-    path.count += 2
-    path.end.x = 1.5
-    for k in range(len(path.points)):
-        path.points[k].seen = path.points[k].x == 0.0
-        path.points[k].x = path.end.x + k
-    path.table[1, 3] = path.points[2].x
+class Paths:
+    """Where records are set."""
+
+    each: Annotated[list[Path], 2]
 
 
-@pytest.mark.parametrize('fill', [_fill, compiled(_fill)], ids=['plain', 'compiled'])
-@pytest.mark.parametrize('memory', [True, False], ids=['memory', 'objects'])
-def test_a_record_is_written_by_name(fill, memory) -> None:
-    if fill is not _fill and not memory:
-        pytest.skip('a kernel works on memory')
-    path = zeros(Path, memory)
-    assert path.count == 0
-    assert not path.points[1].seen
-    assert not path.table.any()
-    fill(path)
-    assert path.count == 2
-    assert path.end.x == 1.5
-    assert [point.x for point in path.points] == [1.5, 2.5, 3.5]
-    assert all(point.seen for point in path.points)
-    assert path.table.tolist() == [[0.0] * 4, [0.0, 0.0, 0.0, 3.5]]
+def contents(path: Path) -> list[float]:
+    return [path.count, path.end.x, *(point.x for point in path.points), *path.table.ravel()]
 
 
 @pytest.mark.parametrize('memory', [True, False], ids=['memory', 'objects'])
 def test_a_record_that_is_set_is_a_copy(memory) -> None:
     """A kernel keeps what it has a name for, and the name what it has."""
-    path = zeros(Path, memory)
-    first, second = path.points[0], path.points[1]
-    first.x = 4.0
-    path.points[1] = path.points[0]
-    first.x = 5.0
-    assert [point.x for point in path.points] == [5.0, 4.0, 0.0]
-    assert second.x == 4.0
+    paths = zeros(Paths, memory)
+    first, second = paths.each[0], paths.each[1]
+    assert contents(first) == [0.0] * 13
+    for value in (2, 3):
+        first.count, first.end.x, first.points[1].x, first.table[1, 3] = [value] * 4
+        if value == 2:
+            paths.each[1] = first
+    assert contents(first) == [3, 3, 0, 3, 0, *[0] * 7, 3]
+    assert contents(second) == [2, 2, 0, 2, 0, *[0] * 7, 2]
 
 
 class Taken:
