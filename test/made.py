@@ -22,13 +22,7 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Corners, Hold, Profile
-from hunt_ros.dynamics.simulation import (
-    Kick,
-    Roughness,
-    SensorModel,
-    SimulationSettings,
-    simulate,
-)
+from hunt_ros.dynamics.simulation import Kick, Roughness, SensorModel, SimulationSettings, simulate
 from hunt_ros.samples import Record, Series
 
 SECOND = 1_000_000_000

@@ -66,6 +66,16 @@ def amplitude_record(
     return Record(channels, f'seed {seed}')
 
 
+def held_speeds(
+    speeds: Sequence[float], hold_s: float, way_s: float, seed: int, **more: float
+) -> Record:
+    """Record of the amplitude equation over holds, with ways of `way_s` between them."""
+    edges = hold_s * np.arange(1, len(speeds))
+    ends = np.sort([0.0, *(edges - 0.5 * way_s), *(edges + 0.5 * way_s), hold_s * len(speeds)])
+    at = np.repeat(speeds, 2)
+    return amplitude_record(lambda t: np.interp(t, ends, at), ends[-1], seed, **more)
+
+
 def trajectories(seed: int, noise: float = 2e-5, roughness: float = 0.0) -> list[Record]:
     """Thirty free trajectories of 30 s at eight speeds, from 50 to 800 um."""
     rng = np.random.default_rng(seed)

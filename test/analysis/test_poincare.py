@@ -9,10 +9,7 @@ from made import at_most, rig_settings
 from hunt_ros.analysis.phase_portrait import phase_portrait
 from hunt_ros.analysis.poincare import own_section, poincare_section
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.dynamics.simulation import (
-    RollerRig,
-    SimulationSettings,
-)
+from hunt_ros.dynamics.simulation import RollerRig, SimulationSettings
 from hunt_ros.errors import IdentificationError
 
 RATE = 250.0

@@ -12,12 +12,7 @@ from tables import mapped, markdown, run
 
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.dynamics.profile import Hold, Profile, Sweep
-from hunt_ros.dynamics.simulation import (
-    RollerRig,
-    Roughness,
-    SensorModel,
-    SimulationSettings,
-)
+from hunt_ros.dynamics.simulation import RollerRig, Roughness, SensorModel, SimulationSettings
 from hunt_ros.forecast import CriticalSpeedForecast
 from hunt_ros.forecast.damping_laws import SmoothLaw, WheelsetLaw
 from hunt_ros.forecast.response import Fit, ResponseLaw, Spectra

@@ -7,11 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hunt_ros.detection.acceptance import (
-    is_rolled_back,
-    objections,
-    rolled_back,
-)
+from hunt_ros.detection.acceptance import is_rolled_back, objections, rolled_back
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 

@@ -14,10 +14,7 @@ from hunt_ros.detection.offline import config_for
 from hunt_ros.detection.replay import detect
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import Kick, simulate
-from hunt_ros.dynamics.simulation.settings import (
-    DriveModel,
-    Roughness,
-)
+from hunt_ros.dynamics.simulation.settings import DriveModel, Roughness
 from hunt_ros.samples import Record
 
 

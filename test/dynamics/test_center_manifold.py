@@ -12,10 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hunt_ros.dynamics.center_manifold import normal_form_of
-from hunt_ros.dynamics.linear_stability import (
-    critical_frequency,
-    critical_speed,
-)
+from hunt_ros.dynamics.linear_stability import critical_frequency, critical_speed
 from hunt_ros.dynamics.parameters import CUBIC_KEYS, QUINTIC_KEYS, RigParameters
 from hunt_ros.dynamics.wheelset import Wheelset
 from hunt_ros.errors import ConfigError

@@ -9,9 +9,7 @@ from made import rig_settings
 from hunt_ros.dynamics.linear_stability import critical_speed as theory
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Corners, Hold, Profile
-from hunt_ros.dynamics.simulation import (
-    RollerRig,
-)
+from hunt_ros.dynamics.simulation import RollerRig
 from hunt_ros.forecast import COLLECTING, NO_EXCITATION, CriticalSpeedForecast, critical_speed
 from hunt_ros.forecast.response import Fit
 from hunt_ros.samples import Uncertain

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made import FLUTTER, changed, flutter_runs, rig_settings, without
+from records_made import held_speeds
 
 from hunt_ros.bag import read_record
 from hunt_ros.cli.identify import describe
@@ -76,21 +77,11 @@ def test_one_staircase_of_the_full_model_gives_its_fold_and_branches(from_stairc
     assert (truth <= 1.03 * high).all()
 
 
-def held(make, seed):
-    """Holds of 60 s: at 8 m/s the limit cycle turns with the roller and has no amplitude."""
-    speeds, hold = (6.2, 7.0, 7.6, 8.4, 8.0, 7.4, 6.8, 6.2), 60.0
-    edges = hold * np.arange(1, len(speeds))
-    knots = np.sort([0.0, *(edges - 2.0), *(edges + 2.0), hold * len(speeds)])
-
-    def speed(time):
-        return np.interp(time, knots, np.repeat(speeds, 2))
-
-    return make(speed, knots[-1], seed, forcing=2e-5)
-
-
-def test_a_long_hold_without_an_amplitude_makes_no_small_error_bar(make):
+def test_a_long_hold_without_an_amplitude_makes_no_small_error_bar():
+    """At 8 m/s the limit cycle turns with the roller and has no amplitude."""
+    speeds = (6.2, 7.0, 7.6, 8.4, 8.0, 7.4, 6.8, 6.2)
     for seed in range(3):
-        result = identify([held(make, seed)])
+        result = identify([held_speeds(speeds, 60.0, 4.0, seed, forcing=2e-5)])
         assert abs(result.v_c.value - 8.0) < 3.0 * result.v_c.std
         assert result.fit.converged
 

@@ -6,10 +6,7 @@ import pytest
 from hunt_ros.estimation.record_lines import RecordLines
 from hunt_ros.identification.record.channels import channels_of
 from hunt_ros.identification.record.envelope import envelope_of
-from hunt_ros.identification.record.hunting_frequency import (
-    motion_of_channels,
-    tracked_envelope,
-)
+from hunt_ros.identification.record.hunting_frequency import motion_of_channels, tracked_envelope
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import Record, Series
 

@@ -5,19 +5,12 @@ from made import record_of, rig_settings
 
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Corners, Profile
-from hunt_ros.dynamics.simulation import (
-    Kick,
-    simulate,
-)
+from hunt_ros.dynamics.simulation import Kick, simulate
 from hunt_ros.identification.record.channels import channels_of
 from hunt_ros.identification.record.envelope import without_beat
 from hunt_ros.identification.record.hunting_frequency import tracked_envelope
 from hunt_ros.identification.record.kicks import find_kicks
-from hunt_ros.identification.record.segments import (
-    analyse_record,
-    speed_holds,
-    steady_part,
-)
+from hunt_ros.identification.record.segments import analyse_record, speed_holds, steady_part
 from hunt_ros.identification.settings import IdentificationSettings
 
 SETTINGS = IdentificationSettings()
