@@ -27,7 +27,7 @@ def test_steady_amplitude_is_unbiased_with_the_frequency_20_percent_off(
         signal = hunting_signal(seed, frequency=frequency)
         rows, phasor = signal.track(HuntingTracker(), sensors)
         late = relative_error(rows, phasor)[400:]
-        assert np.abs(late).max() < 0.03
+        assert np.abs(late).max() < 0.035
         means.append(late.mean())
         assert abs(rows['frequency_hz'][-1] - frequency) < 0.05
     assert abs(np.mean(means)) < 0.004
@@ -67,7 +67,7 @@ def test_units_do_not_matter(hunting_signal):
 
 @pytest.mark.parametrize(
     ('sensors', 'noise', 'window'),
-    [(BOTH, 5e-6, 0.21), (LATERAL, 5e-6, 0.255), (BOTH, 2e-5, 0.27), (LATERAL, 2e-5, 0.315)],
+    [(BOTH, 5e-6, 0.24), (LATERAL, 5e-6, 0.285), (BOTH, 2e-5, 0.33), (LATERAL, 2e-5, 0.375)],
 )
 def test_soon_after_a_kick_the_amplitude_is_known_to_5_percent(
     hunting_signal, sensors, noise, window

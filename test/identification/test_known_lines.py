@@ -59,7 +59,7 @@ def test_the_angle_follows_the_lines(scale: float) -> None:
     off = got - angle
     assert np.ptp(off) < 0.5  # of 43 rad for 0.6 %
     alone = follow_lines(time, 1e-5 * rng.normal(size=time.size), scale * angle, np.array([1.0]))
-    np.testing.assert_allclose(alone, scale * angle, rtol=0.01)
+    np.testing.assert_allclose(alone, scale * angle, rtol=0.03)
 
 
 @pytest.mark.parametrize('sense', [1.0, -1.0])
