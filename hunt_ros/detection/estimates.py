@@ -25,7 +25,7 @@ from hunt_ros.estimation.kalman import HuntingTracker
 from hunt_ros.estimation.line_search import LineSearch
 from hunt_ros.estimation.tracker_config import Shaft, TrackerConfig
 from hunt_ros.estimation.turning import ASSUMED_ABOVE, SPEED_STD, TurningAngle, Unwrapping
-from hunt_ros.samples import CHANNELS
+from hunt_ros.samples import CHANNELS, NANOSECONDS
 from hunt_ros.sensors import DISPLACEMENTS, MOTION, SENSORS
 
 #: Scale of the yaw sensor against that of the lateral one, then and now: what a mode shape
@@ -33,6 +33,9 @@ from hunt_ros.sensors import DISPLACEMENTS, MOTION, SENSORS
 SCALE_STD = 0.03
 #: A wheel turns by its diameter and its creep, whatever is known of the roller.
 CREEP_STD = 0.005
+#: A roller that stood shows one value for so long after it has set off, and its fault is held, ns.
+_SETS_OFF_NS = round((health.STUCK_S + health.FAULT_HOLD_S) * NANOSECONDS)
+_NEVER = -(2**62)
 
 
 class Estimator:
@@ -64,6 +67,7 @@ class Estimator:
         self._unwrapping = Unwrapping()
         self._angle = TurningAngle(roller_diameter(config))
         self._turning = Turning(config)
+        self._still_ns = _NEVER  # when the roller was at rest last
         self._agreement = Agreement(config, line_orders(config))
         self._follow(config)
 
@@ -145,9 +149,14 @@ class Estimator:
             rows[name] = track[name]
         rows['speed'] = slow['speed'][count:]
         if 'roller' in self._channels:
-            # A roller at rest is not stuck; where a speed channel is silent, it may be.
+            # A roller at rest is not stuck, nor one that has just set off: what it showed at rest
+            # is told on for a while. Where a speed channel is silent, it may be.
             still = rows['speed'] <= health.STANDSTILL_MPS
             still |= np.isnan(rows['speed']) & ('speed' not in self._channels)
+            still_ns = np.maximum.accumulate(np.where(still, rows_ns, _NEVER))
+            still_ns = np.maximum(still_ns, self._still_ns)
+            self._still_ns = int(still_ns.max(initial=self._still_ns))
+            still = rows_ns - still_ns <= _SETS_OFF_NS
             rows['roller_wrong'][still] &= ~np.uint32(health.STUCK)
         if self._speed_check is not None:
             contrary = self._speed_check.update(rows_ns, slow['roller'][count:], rows['speed'])

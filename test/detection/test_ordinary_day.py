@@ -57,6 +57,13 @@ def test_a_stop_out_of_quiet_running_is_no_alarm(recorded, true_form, rate) -> N
         assert seconds_of(output, Level.ERROR) == 0.0
 
 
+@pytest.mark.parametrize('rate', [0.05, 0.3, 1.5])
+def test_a_roller_that_sets_off_is_not_stuck(recorded, rate) -> None:
+    end = 10.0 + 3.0 / rate
+    (output,) = driven(recorded, None, (0.0, 10.0, end, end + 5.0), (0.0, 0.0, 3.0, 3.0), 1)
+    assert not said(output, 'sensor_fault')
+
+
 @pytest.mark.parametrize('begin', [0.0, 0.1])
 @pytest.mark.parametrize('informed', [True, False])
 def test_what_drives_the_motion_at_rest_is_not_what_drives_it_at_speed(
