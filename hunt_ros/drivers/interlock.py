@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from statistics import median
 from typing import NamedTuple
 
@@ -42,7 +42,7 @@ _DIES, _STATUSES = 0.7, 40
 #: What is so many times as large as the quiet motion is none, though a detector that cannot trust
 #: its inputs does not say what it is.
 _GROWN = 10.0
-#: Hunting that dies out lasts until it is no larger than so many quiet motions.
+#: What was seen to move moves until it is no larger than so many quiet motions.
 _ENDED = 3.0
 #: The set point leads the roller by so much on its way down from a refuted safe speed, m/s.
 _LEAD_MPS = 0.5
@@ -116,8 +116,6 @@ class Heard:
         It hunts or escapes, as far as is known: also where the level is STALE.
     quiet_m : float
         Amplitude of the quiet motion; NaN: not known.
-    dies : bool
-        It says that the hunting dies out, which a wrong form says of a limit cycle, too.
     """
 
     level: str = 'STALE'
@@ -129,7 +127,6 @@ class Heard:
     alarm: bool = False
     hunts: bool = False
     quiet_m: float = math.nan
-    dies: bool = False
 
     @property
     def largest_m(self) -> float:
@@ -196,6 +193,8 @@ class Interlock:
         While tripped: no faster than this; inf otherwise.
     displacement_m : float
         Of the lateral sensor itself; NaN: not known. Set it as it comes.
+    moving : bool
+        Hunting was seen, or what is as large, and its end was not.
     """
 
     def __init__(self, settings: InterlockSettings, real_time: bool = True) -> None:
@@ -210,7 +209,7 @@ class Interlock:
         self.displacement_m = math.nan
         self._watching = False
         self._unwell_ns = 0  # when all was not well last, before it watched
-        self._moving = False  # hunting was seen, and its end was not
+        self.moving = False
         self._amplitudes: deque[float] = deque(maxlen=_STATUSES)
         self._told = False  # that the motion goes on at the safe speed
         self.goal_mps = math.inf
@@ -229,6 +228,9 @@ class Interlock:
                 self._late_s = max(0.0, kept + behind_s)
         if self._heard_ns is None or heard.sequence != self.heard.sequence:
             self._moved_ns = now_ns
+        # At another speed the quiet motion has to be learnt anew: until then it is that of before.
+        if math.isnan(heard.quiet_m):
+            heard = replace(heard, quiet_m=self.heard.quiet_m)
         self.heard, self._heard_ns = heard, now_ns
         amplitude_m = heard.largest_m
         if not math.isnan(amplitude_m):
@@ -314,12 +316,14 @@ class Interlock:
         amplitude_m = self.heard.largest_m
         if blind and amplitude_m > _GROWN * self.heard.quiet_m:
             seen = seen or f'the amplitude was {1e3 * amplitude_m:.3f} mm at last'
-        # Silence ends no hunting: what was seen lasts until its end is seen.
-        dying = self.heard.dies and not amplitude_m <= _ENDED * self.heard.quiet_m
-        self._moving = bool(seen) or (self._moving and (blind or dying))
+        # What was seen lasts until its end is seen. Silence is none, nor is what a detector says
+        # of the motion: a wrong form calls a limit cycle dying, and one that has just come back
+        # has not decided yet.
+        ended = not blind and amplitude_m <= _ENDED * self.heard.quiet_m
+        self.moving = bool(seen) or (self.moving and not ended)
         # A detector that is blind sees nothing die.
         before_m = median(self._amplitudes) if self._amplitudes else math.nan
-        lasts = self._moving and (blind or not amplitude_m < _DIES * before_m)
+        lasts = self.moving and (blind or not amplitude_m < _DIES * before_m)
         if self.state == 'tripped':
             return self._slow_down(now_ns, speed_mps, trouble.code, seen, lasts)
         if self.state != 'armed':

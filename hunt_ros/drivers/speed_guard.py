@@ -296,14 +296,15 @@ class SpeedGuard:
 
     def end(self, abandoned: bool = False) -> float:
         """
-        Take the roller to the safe speed, which is returned; no trip, but nothing starts.
+        Take the roller to the safe speed, or as low as a trip wants it; return that, m/s.
 
-        Abandoned, it is taken to a stop: no speed is safe by a form that nobody watches.
+        It is no trip, but nothing starts. Abandoned, or while the wheelset moves, the roller is
+        taken to a stop: no speed is safe by a form that nobody watches.
         """
         with self.deciding:
-            safe_mps = 0.0 if abandoned else self.interlock.safe_speed_mps()
-            self._by_a_person().trip(safe_mps, self.measured_mps)
-            return safe_mps
+            stops = abandoned or self.interlock.moving
+            safe_mps = 0.0 if stops else self.interlock.safe_speed_mps()
+            return self._by_a_person().trip(safe_mps, self.measured_mps)
 
     def rearm(self, now_ns: int) -> tuple[Change | None, str]:
         """End stop and trip where the cause is over; return the transition, and '' or why not."""
@@ -421,7 +422,7 @@ class SpeedGuard:
                 'emergency_stop': str(command.stopped).lower(),
                 'alarm_kept': '' if self._alarmed else self._kept.alarm,
                 'shelved': self.shelved(),
-                'safe_speed_mps': float(interlock.safe_speed_mps()),
+                'safe_speed_mps': float(min(interlock.safe_speed_mps(), command.forced_mps)),
                 'speed_ceiling_mps': command.limits.speed_ceiling_mps,
                 'displacement_m': interlock.displacement_m,
             }

@@ -479,7 +479,6 @@ def heard_of(message: DiagnosticArray) -> Heard:
         said.get('alarm') == 'True',
         said.get('state') in ('escaping', 'limit_cycle'),
         number_of(said, 'noise_floor_m'),
-        said.get('state') == 'decaying',
     )
 
 

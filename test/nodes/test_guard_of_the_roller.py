@@ -93,6 +93,37 @@ def test_five_millimetres_on_the_sensor_trip_it_though_no_detector_speaks(graph,
     assert float(rig.status['displacement_m']) > 3e-3
 
 
+def test_hunting_that_the_detector_is_not_sure_of_any_more_takes_the_roller_lower(
+    graph, resident, detector
+) -> None:
+    """Gauntlet 504: v_n told too high, and a sensor that has just come back; it never died."""
+    drive = Drive(6.0)
+    detector.numbers |= {'v_n_mps': 9.6, 'v_c_mps': 12.0, 'noise_floor_m': 1e-5}
+    rig = _held_at(graph, resident, detector, drive, safe_deceleration_mps2=20.0)
+    detector.numbers |= {'amplitude_m': 8e-4, 'state': 'limit_cycle'}
+    detector.level = 'ERROR'
+    rig.until(interlock_state='tripped')
+    detector.numbers['state'] = 'disturbed'
+    detector.level = 'WARN'
+    graph.spin_until(lambda: drive.speed_mps == 0.0)
+    assert 'not died out at 9.10 m/s' in rig.status['interlock_cause']
+
+
+@pytest.mark.parametrize('amplitude_m', [8e-4, 1e-5])
+def test_a_run_that_ends_while_it_hunts_ends_at_a_stop(
+    graph, resident, detector, amplitude_m
+) -> None:
+    drive = Drive(6.0)
+    detector.numbers['noise_floor_m'] = 1e-5
+    limits = {'interlock': 'measure', 'safe_deceleration_mps2': 20.0}
+    rig = _held_at(graph, resident, detector, drive, **limits)
+    detector.numbers['amplitude_m'] = amplitude_m
+    detector.level = 'OK' if amplitude_m == 1e-5 else 'ERROR'
+    graph.spin(0.5)
+    graph.spin_until(rig.node.wind_down)
+    assert drive.speed_mps == pytest.approx(4.5 if detector.level == 'OK' else 0.0, abs=0.1)
+
+
 @pytest.mark.parametrize('end', ['emergency_stop', 'stop_profile'])
 def test_after_any_stop_no_profile_starts_by_itself(graph, resident, detector, end) -> None:
     drive = Drive(6.0)
