@@ -150,6 +150,7 @@ def test_the_map_names_files_that_are_there() -> None:
 def test_each_defect_of_before_names_a_test_that_is_there() -> None:
     text = (ROOT / 'docs' / 'faults.md').read_text()
     rows = re.findall(r'^\| D(\d+) \| .* \| `(.*)`: `(.*)` \|$', text, re.M)
-    assert [int(number) for number, _, _ in rows] == list(range(1, 34))
+    assert [int(number) for number, _, _ in rows] == list(range(1, 1 + len(rows)))
+    assert len(rows) > 33
     for _, file, name in rows:
         assert f'def {name}(' in (ROOT / 'test' / file).read_text(), name
