@@ -33,6 +33,7 @@ _LOOK_S = 0.05
 _AGAIN_S, _AGAIN_MOST_S = 5.0, 60.0
 #: A test holds a relay for so long, s.
 _TEST_S = 2.0
+_ABANDONED = 'what started the nodes has died: nobody watches the rig any more'
 _TEST = 'test of the alarm, asked for by a person'
 
 
@@ -40,6 +41,7 @@ class AlarmOutputsNode(SuiteNode):
     """Shows the detector's alarm outside of the screen."""
 
     closing_s = 5.0
+    winding_s = 30.0
 
     def __init__(self) -> None:
         super().__init__('alarm_outputs')
@@ -50,7 +52,7 @@ class AlarmOutputsNode(SuiteNode):
             raise ConfigError('alarm_outputs: none of sound, command and relay_coil is given')
         self._call = Call(self._config.silence_s, time.monotonic())
         self._problems: dict[str, str] = {}
-        self._testing = False
+        self._testing = self._left = False
         self._proof = Path(self._config.tested_file) if self._config.tested_file else None
         self._tested = 'never'
         if self._proof is not None and self._proof.exists():
@@ -64,6 +66,14 @@ class AlarmOutputsNode(SuiteNode):
         failed = self._diagnostics.failed
         self._answers = answer_aside(self, failed, {'alarm/test': self._on_test})
         self._workers = [Worker(failed, name, partial(self._work, name)) for name in self._outputs]
+
+    def wind_down(self) -> bool:
+        """Call where nobody is left who could; what was shown so stays shown."""
+        if self.abandoned and not self._left:
+            self._left = True
+            for name in self._outputs:
+                self._try(name, lambda output: output.show(Condition.DOUBT, _ABANDONED))
+        return True
 
     def close(self) -> None:
         """End the outputs; a relay is switched off."""
@@ -106,7 +116,8 @@ class AlarmOutputsNode(SuiteNode):
             changed.wait(again_s if failed else output.repeat_s)
             changed.clear()
             again_s = min(2.0 * again_s, _AGAIN_MOST_S) if failed else _AGAIN_S
-        self._try(name, lambda output: output.close())
+        if not self._left:
+            self._try(name, lambda output: output.close())
 
     def _show(self, output: AlarmOutput) -> None:
         """Show the present condition; where it calls nobody, a test that is under way."""

@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from concurrent.futures import Future
+from contextlib import suppress
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -84,7 +85,7 @@ def _answered(name: str, answer: Future[Answer]) -> None:
 
 
 def _write(document: dict[str, object]) -> None:
-    with _WRITING:
+    with _WRITING, suppress(BrokenPipeError):  # who reads it has died: this one is to end, too
         print(json.dumps(document), flush=True)
 
 

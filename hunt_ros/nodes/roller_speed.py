@@ -8,7 +8,6 @@ point that the drive took is published on `speed/target`, and how things stand o
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -145,7 +144,6 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         self._diameter_m = self._config.roller_diameter_m or RigParameters.roller_diameter_m
         self._published = 0
         self._ends_s: float | None = None  # when the node ends at the latest, steady clock
-        self._parent = os.getppid()
         self._new = NewSince()
         self._written = joint_writer(['roller'], self._config.frame_id, velocity=True)
         self._target = self.create_publisher(TwistStamped, 'speed/target', STATUS)
@@ -410,7 +408,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         if unguarded or not self._config.slow_down_at_end or math.isinf(self._heard_s):
             return True
         # Again and again: no rearm ends it. Nobody watches where who started this one has died.
-        speed_mps, safe_mps = guard.readings.speed_mps, guard.end(os.getppid() != self._parent)
+        speed_mps, safe_mps = guard.readings.speed_mps, guard.end(self.abandoned)
         if self._ends_s is None:
             ramp_s = max(0.0, speed_mps - safe_mps) / guard.command.limits.safe_deceleration_mps2
             self._ends_s = now_s + min(ramp_s + _ENDING_S, self.winding_s - 1.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 import signal
 import time
 from pathlib import Path
@@ -107,6 +108,18 @@ def test_hunting_that_the_detector_is_not_sure_of_any_more_takes_the_roller_lowe
     detector.level = 'WARN'
     graph.spin_until(lambda: drive.speed_mps == 0.0)
     assert 'not died out at 9.10 m/s' in rig.status['interlock_cause']
+
+
+def test_the_death_of_who_started_it_is_seen_though_the_roller_is_where_it_is_safe(
+    graph, resident, detector, monkeypatch
+) -> None:
+    """The signal of that death may come before the last thread of the dead has gone."""
+    drive = Drive(6.0)
+    rig = _held_at(graph, resident, detector, drive, safe_deceleration_mps2=20.0)
+    graph.spin_until(rig.node.wind_down)
+    assert drive.speed_mps == pytest.approx(4.5, abs=0.1)
+    monkeypatch.setattr(os, 'getppid', lambda: 1)
+    graph.spin_until(lambda: rig.node.wind_down() and drive.speed_mps < 0.1)
 
 
 @pytest.mark.parametrize('amplitude_m', [8e-4, 1e-5])

@@ -16,6 +16,7 @@ import signal
 import sys
 import threading
 import time
+from contextlib import suppress
 from typing import NoReturn
 
 #: What the main thread has, from the signal on, to begin its end by itself, s.
@@ -81,8 +82,9 @@ class Ending:
 
     def leave(self, code: int) -> NoReturn:
         """End the process without waiting for threads of the middleware and of compilers."""
-        sys.stdout.flush()
-        sys.stderr.flush()
+        with suppress(OSError):  # who reads it may be gone
+            sys.stdout.flush()
+            sys.stderr.flush()
         os._exit(code)
 
     def _listen(self) -> None:

@@ -10,6 +10,7 @@ of a service, which has its place behind them, is never answered. A polled subsc
 from __future__ import annotations
 
 import hashlib
+import os
 import socket
 import sys
 from collections.abc import Iterator
@@ -58,6 +59,7 @@ class SuiteNode(Node):
 
     def __init__(self, name: str, alone: bool = True, **keywords: Any) -> None:
         super().__init__(name, **keywords)
+        self._parent = os.getppid()
         if alone and sys.platform == 'linux':
             self._hold_name()
 
@@ -94,6 +96,11 @@ class SuiteNode(Node):
         subscription = self.create_subscription(kind, topic, _never, *args, **keywords)
         self._polled |= {subscription}
         return subscription
+
+    @property
+    def abandoned(self) -> bool:
+        """True where the process that started this one has died."""
+        return os.getppid() != self._parent
 
     def wind_down(self) -> bool:
         """Go where it is safe, while the node runs on; return True once nothing is left to do."""

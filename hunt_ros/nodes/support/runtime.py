@@ -28,6 +28,9 @@ from hunt_ros.nodes.support.ending import CLOSING_S, Ending
 from hunt_ros.nodes.support.node import ManagedNode, SuiteNode
 
 _SPIN_S = 0.05
+#: The system signals the death of who started this process before all its threads have gone, and
+#: only then is it seen, s.
+_ABANDONED_S = 0.5
 #: For the last messages to arrive, s.
 _DELIVERY_S = 0.4
 
@@ -88,7 +91,10 @@ def run(
                 return 0
         if winding_s := max(node.winding_s for node in nodes):
             ending.grant('taking the rig to where it is safe', winding_s, patient=False)
-        while rclpy.ok() and not all(node.wind_down() for node in nodes):
+        known_s = time.monotonic() + (_ABANDONED_S if winding_s else 0.0)
+        while rclpy.ok():
+            if all(node.wind_down() for node in nodes) and time.monotonic() >= known_s:
+                break
             executor.spin_once(timeout_sec=_SPIN_S)
         _raise_failures(nodes)
     except (HuntError, InvalidParameterValueException, ParameterException) as error:
