@@ -134,10 +134,16 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             self._silent_s,
         )
         self._parsed: tuple[str, Profile | None] = '', None  # text and what it is
-        if self._config.profile:
-            profile = Profile.read(self._config.profile)
-            profile.check(limits.speed_ceiling_mps)
-            self._guard.command.load(profile)
+        try:
+            if self._config.profile:
+                profile = Profile.read(self._config.profile)
+                profile.check(limits.speed_ceiling_mps)
+                self._guard.command.load(profile)
+        except ConfigError as error:
+            if not state.running:
+                raise
+            # It guarded until it died: a profile that was edited since keeps no guard away.
+            self.get_logger().error(f'profile: {error}')
         self._since_ns = 0  # of the interlock's state, clock of the stamps
         self._read_ns = 0  # when the last reading came, profile clock
         self._note = ''

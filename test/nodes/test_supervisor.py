@@ -148,8 +148,8 @@ def test_what_dies_is_started_again_though_the_folder_of_the_recordings_was_move
 ) -> None:
     folder = tmp_path / 'recordings'
     with Supervisor('rig', folder / 'logs', private=False) as supervisor:
-        supervisor.start(_Sleeper('roller_speed'))
-        before, said = supervisor.pids()['roller_speed'], []
+        supervisor.start(_Sleeper('yaw_sensor'))
+        before, said = supervisor.pids()['yaw_sensor'], []
         folder.rename(tmp_path / 'tidied')
         monkeypatch.setattr(subprocess, 'Popen', _no_process)  # for a moment
         os.kill(before, signal.SIGKILL)
@@ -158,10 +158,10 @@ def test_what_dies_is_started_again_though_the_folder_of_the_recordings_was_move
             said.extend(supervisor.look())
             if any('cannot be started' in line for line in said):
                 monkeypatch.undo()
-            return supervisor.pids().get('roller_speed', before) != before
+            return supervisor.pids().get('yaw_sensor', before) != before
 
         machine.until(again, told=lambda: said)
-        os.kill(supervisor.pids()['roller_speed'], signal.SIGKILL)
+        os.kill(supervisor.pids()['yaw_sensor'], signal.SIGKILL)
 
 
 @pytest.mark.parametrize('others', [('yaw_sensor', 'lateral_sensor'), ()])
@@ -346,6 +346,32 @@ def test_however_it_ends_the_roller_is_at_the_safe_speed(run, graph, end, mps) -
     rig.until_safe(mps)
     graph.spin(1.0)
     assert rig.speed > mps - 0.5
+    for log in graph.folder.rglob('*.log'):
+        assert 'Traceback' not in log.read_text(), log
+
+
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP])
+def test_a_guard_that_is_killed_on_the_way_to_the_safe_speed_gets_there(
+    run, graph, number
+) -> None:
+    rig = run(rate=0.2)
+    rig.start()
+    rig.hunt.send_signal(signal.SIGTERM)
+    graph.spin_until(lambda: 'on its way to 5.9' in rig.screen)
+    os.kill(rig.child('roller_speed'), number)
+    assert rig.ended() == 0
+    rig.until_safe()
+
+
+def test_a_rig_file_that_is_spoilt_while_it_runs_keeps_no_guard_away(run, graph) -> None:
+    """Nor does a profile."""
+    rig = run()
+    rig.start()
+    for path in (graph.folder / 'rig.yaml', graph.folder / 'profile.yaml'):
+        path.write_text('nonsense: [')
+    rig.kill('roller_speed')
+    rig.until_safe()
+    assert rig.end() == 0
 
 
 def test_who_presses_twice_is_told_that_the_roller_still_turns(run, graph) -> None:

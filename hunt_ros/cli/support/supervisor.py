@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import math
 import os
 import signal
 import socket
@@ -21,6 +22,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
@@ -52,6 +54,8 @@ _AGAIN_S, _AGAIN_MOST_S = 0.5, 30.0
 _REFUSED = 2
 #: Ctrl-C that comes sooner after the end was asked for is the same one, s.
 _SAME_S = 0.5
+#: A guard that is killed on the way to the safe speed is started again so often.
+_TRIES = 3
 
 
 class _Child:
@@ -157,6 +161,7 @@ class Supervisor:
         self._keep = keep
         self._alarms = alarms
         self._told: Queue[str] = Queue()  # what came of calls
+        self._files: dict[Path, IO[bytes]] = {}  # parameter files as they were at the start
         self.environment = dict(os.environ)
         if private:
             self._claim = socket.socket(socket.AF_UNIX)
@@ -199,6 +204,18 @@ class Supervisor:
         """
         child = self._children[spec.module] = _Child(spec, attach)
         self._launch(child)
+        child.spec = replace(spec, parameter_files=[self._kept(p) for p in spec.parameter_files])
+
+    def _kept(self, path: Path) -> Path:
+        """Return a copy of a file: what is edited or deleted while a rig runs ends no guard."""
+        if sys.platform != 'linux':
+            return path
+        if path not in self._files:
+            copy = os.fdopen(os.memfd_create(path.name), 'wb')
+            copy.write(path.read_bytes())
+            copy.flush()
+            self._files[path] = copy
+        return Path(f'/proc/{os.getpid()}/fd/{self._files[path].fileno()}')
 
     def _launch(self, child: _Child) -> None:
         spec = child.spec
@@ -322,19 +339,37 @@ class Supervisor:
             self._winding = True
             self.look()
             guard.pass_on(signal.SIGINT)
-        if guard.process is None:
-            return 'the speed node has just ended by itself'
-        while guard.runs and not self._hurry:
-            with contextlib.suppress(OSError, HuntError):
-                meanwhile()
-            time.sleep(0.02)
+        for _ in range(_TRIES):
+            self._wait(guard, meanwhile)
+            if self._hurry or guard.ended() in range(256):
+                break
+            # It was killed on its way: it starts tripped, and is asked again once it listens.
+            guard.put_off()
+            with contextlib.suppress(OSError):
+                self._launch(guard)
+            self._wait(guard, meanwhile, START_S)
+            guard.pass_on(signal.SIGINT)
         if guard.runs:
             guard.pass_on(signal.SIGKILL)
             guard.wait(_GRACE_S[signal.SIGKILL])
             return 'ended at once'
         words = self._last_line(DRIVE)
         again = guard.failures and 'ended while starting' in words  # it never came to it
-        return '' if guard.ended() in (0, -signal.SIGKILL) and not again else words
+        return '' if guard.ended() == 0 and not again else words
+
+    def _wait(
+        self, guard: _Child, meanwhile: Callable[[], object], most_s: float = math.inf
+    ) -> None:
+        """Wait until a guard has ended; where there is a limit, s, only until it is heard."""
+        deadline = time.monotonic() + most_s
+        while guard.runs and not self._hurry and time.monotonic() < deadline:
+            if most_s < math.inf and guard.patience == _SILENT:
+                break
+            if guard.stands_still:
+                guard.pass_on(signal.SIGKILL)
+            with contextlib.suppress(OSError, HuntError):
+                meanwhile()
+            time.sleep(0.02)
 
     def close(self) -> None:
         """End every node: the guards first, for all is safe; the recorder last, it hears them."""
