@@ -5,6 +5,9 @@ from __future__ import annotations
 import configparser
 import shlex
 import signal
+import subprocess
+import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -31,7 +34,17 @@ def test_the_unit_starts_a_command_that_there_is_and_ends_it_with_an_interrupt(
     assert unit['Service']['KillSignal'] == signal.SIGINT.name
     assert {'dialout', 'audio'} <= set(unit['Service']['SupplementaryGroups'].split())
     assert unit['Service']['Environment'] == 'ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST', 'the last'
-    assert unit['Service']['KillMode'] == 'mixed', 'hunt ends its nodes itself, in order'
+    assert unit['Service']['KillMode'] == 'control-group', 'who is left is not killed at once'
+    # So hunt ends its nodes itself, in order: the rest waits until it has ended.
+    stop = shlex.split(unit['Service']['ExecStop'].replace('$$', '$'))
+    words = [sys.executable, '-c', 'import time; print(flush=True); time.sleep(1000)']
+    quiet = subprocess.DEVNULL
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=quiet) as program:
+        program.stdout.readline()
+        threading.Thread(target=program.wait).start()
+        subprocess.run(stop, env={'MAINPID': str(program.pid)}, stderr=quiet, timeout=60.0)
+        assert program.returncode == -signal.SIGINT
+    assert subprocess.run(stop, env={}, stderr=quiet, timeout=60.0).returncode != 0
 
 
 def test_every_node_has_its_place_in_the_tree_of_health() -> None:
