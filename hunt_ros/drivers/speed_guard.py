@@ -289,6 +289,7 @@ class SpeedGuard:
         """
         with self.deciding:
             before = self.readings.lowest_mps()
+            speed_mps = min(speed_mps, self.interlock.safe_speed_mps())
             set_point = self._by_a_person().emergency_stop(speed_mps, self.measured_mps)
             self.remember('emergency_stop', 'asked for')
             slowed_mps = max(set_point + _SLOWED_MPS, before - _SLOWED_MPS)

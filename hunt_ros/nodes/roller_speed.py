@@ -89,7 +89,11 @@ class SpeedConfig(Settings):
         fixed=True,
     )
     emergency_speed_mps: float = setting(
-        0.0, 'Set point of speed/emergency_stop.', unit='m/s', low=0.0, high=100.0
+        0.0,
+        'Set point of speed/emergency_stop; the safe speed where that is lower.',
+        unit='m/s',
+        low=0.0,
+        high=100.0,
     )
     state_file: str = setting(
         '',

@@ -122,6 +122,17 @@ def test_the_death_of_who_started_it_is_seen_though_the_roller_is_where_it_is_sa
     graph.spin_until(lambda: rig.node.wind_down() and drive.speed_mps < 0.1)
 
 
+def test_an_emergency_stop_is_no_faster_than_the_safe_speed_and_no_clock_changes(
+    graph, resident, detector
+) -> None:
+    drive = Drive(6.0)
+    rig = _held_at(graph, resident, detector, drive)
+    assert rig.set(emergency_speed_mps=50.0) == (True, '')
+    assert rig.set(use_sim_time=True) == (False, 'use_sim_time: taken at the start only')
+    assert graph.call('speed/emergency_stop').success
+    assert drive.speed_mps == pytest.approx(4.5)
+
+
 @pytest.mark.parametrize('amplitude_m', [8e-4, 1e-5])
 def test_a_run_that_ends_while_it_hunts_ends_at_a_stop(
     graph, resident, detector, amplitude_m

@@ -17,12 +17,16 @@ from collections.abc import Iterator
 from threading import Event
 from typing import Any
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 
 from hunt_ros.errors import ConfigError, one_line
 from hunt_ros.nodes.support.ending import CLOSING_S
+
+_FIXED = 'use_sim_time: taken at the start only'
 
 
 class SuiteNode(Node):
@@ -60,6 +64,7 @@ class SuiteNode(Node):
     def __init__(self, name: str, alone: bool = True, **keywords: Any) -> None:
         super().__init__(name, **keywords)
         self._parent = os.getppid()
+        self.add_on_set_parameters_callback(_keeps_its_clock)
         if alone and sys.platform == 'linux':
             self._hold_name()
 
@@ -108,6 +113,12 @@ class SuiteNode(Node):
 
     def close(self) -> None:
         """Let go of what it holds, before its publishers are gone."""
+
+
+def _keeps_its_clock(parameters: list[Parameter]) -> SetParametersResult:
+    """Refuse another clock: who had it before would stamp by one, and count by the other."""
+    kept = all(each.name != 'use_sim_time' for each in parameters)
+    return SetParametersResult(successful=kept, reason='' if kept else _FIXED)
 
 
 def _never(message: object) -> None:
