@@ -20,7 +20,8 @@ from hunt_ros.detection.output import Event, Output, numbers_behind
 from hunt_ros.detection.regions import Level, Region
 from hunt_ros.detection.words.alarms import AlarmHistory
 from hunt_ros.detection.words.reasons import reason_counts
-from hunt_ros.estimation.record_lines import RecordLines, motion_of, turns_per_metre
+from hunt_ros.estimation.record_lines import RecordLines
+from hunt_ros.estimation.record_motion import motion_of, turns_per_metre
 from hunt_ros.forecast import Forecast
 from hunt_ros.rig import HUNTING_HZ
 from hunt_ros.samples import Record

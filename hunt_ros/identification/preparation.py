@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from hunt_ros.errors import IdentificationError
-from hunt_ros.estimation.record_lines import Motion, turns_per_metre
+from hunt_ros.estimation.record_motion import Motion, turns_per_metre
 from hunt_ros.identification.record.channels import Channels, refuse, speed_step
 from hunt_ros.identification.record.envelope import (
     FEWEST_SAMPLES,

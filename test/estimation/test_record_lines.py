@@ -9,7 +9,8 @@ from made import record_of, rig_settings
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Corners, Profile
 from hunt_ros.dynamics.simulation import Kick, simulate
-from hunt_ros.estimation.record_lines import RecordLines, motion_of
+from hunt_ros.estimation.record_lines import RecordLines
+from hunt_ros.estimation.record_motion import motion_of
 
 
 @pytest.mark.parametrize('speed', [6.8, 7.4])

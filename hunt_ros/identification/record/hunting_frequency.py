@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.estimation.record_lines import Motion, motion_of
+from hunt_ros.estimation.record_motion import Motion, motion_of
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.record.envelope import Envelope, envelope_of
 from hunt_ros.identification.record.lines import free_of_lines
