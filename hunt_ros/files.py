@@ -16,7 +16,8 @@ def write_whole(path: str | Path, content: str | bytes, what: str = 'file') -> N
     Parameters
     ----------
     path : str or Path
-        What is there is replaced.
+        A file that is there is replaced, and through a link the file that it leads to; a device
+        or a pipe is written to.
     content : str or bytes
         A text is written as UTF-8.
     what : str
@@ -27,10 +28,14 @@ def write_whole(path: str | Path, content: str | bytes, what: str = 'file') -> N
     HuntError
         If the disk refuses; nothing has changed then.
     """
-    target = Path(path)
-    partial = target.with_name(target.name + '.part')
     raw = content.encode('utf-8') if isinstance(content, str) else content
+    target = Path(os.path.realpath(path))
+    partial = target.with_name(target.name + '.part')
     try:
+        # A rename would put a file in the place of /dev/null, for every program of the machine.
+        if os.path.exists(path) and not os.path.isfile(path):
+            Path(path).write_bytes(raw)
+            return
         partial.write_bytes(raw)
         with partial.open('rb+') as file:
             os.fsync(file.fileno())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -39,6 +40,26 @@ def test_a_disk_that_refuses_leaves_what_was_there(tmp_path: Path, monkeypatch) 
         write_whole(file, 'a new one' * 100)
     assert file.read_text() == 'good'
     assert [path.name for path in tmp_path.iterdir()] == ['form.yaml']
+
+
+def test_a_pipe_is_written_to_and_a_link_stays_one(tmp_path: Path) -> None:
+    """As root, `--json /dev/null` put a regular file in the place of the device."""
+    pipe = tmp_path / 'pipe'
+    os.mkfifo(pipe)
+    with open(os.open(pipe, os.O_RDWR), 'rb') as reader:
+        write_whole(pipe, 'told')
+        assert pipe.is_fifo()
+        assert reader.read(4) == b'told'
+    (tmp_path / 'disk').mkdir()
+    file, link = tmp_path / 'disk' / 'form.yaml', tmp_path / 'newest.yaml'
+    link.symlink_to(file)
+    for text in ('one', 'two'):
+        write_whole(link, text)
+        assert link.is_symlink()
+        assert file.read_text() == text
+    with pytest.raises(HuntError, match='directory'):
+        write_whole(tmp_path / 'disk', 'three')
+    assert [path.name for path in (tmp_path / 'disk').iterdir()] == ['form.yaml']
 
 
 def test_every_file_of_a_verb_goes_through_the_one_door() -> None:
