@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import CHANNELS, USUAL_CHANNELS
 from hunt_ros.sensors import DISPLACEMENTS
-from hunt_ros.settings import Settings, setting, yaml_document, yaml_value
+from hunt_ros.settings import Settings, checked, setting, yaml_document, yaml_value
 from hunt_ros.suite import NODES
 
 _Kind = TypeVar('_Kind', bound=Settings)
@@ -170,7 +170,7 @@ class Rig(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        unknown = sorted(set(self.channels) - set(CHANNELS))
+        unknown = [name for name in self.channels if name not in CHANNELS]
         if unknown:
             raise ConfigError(f'channels: unknown {unknown[0]!r}, expected some of {CHANNELS}')
         if not set(self.channels) & set(DISPLACEMENTS):
@@ -236,9 +236,10 @@ class Rig(Settings):
         """Refuse what is no value with its standard deviation."""
         for name in ('prior_v_c', 'prior_D1'):
             given = getattr(self, name)
-            if len(given) not in (0, 2):
+            numbers = tuple(checked(name, number) for number in given)
+            if len(given) not in (0, 2) or any(std <= 0.0 for std in numbers[1:]):
                 raise ConfigError(f'{name}: expected value and standard deviation, got {given}')
-            object.__setattr__(self, name, tuple(map(float, given)))
+            object.__setattr__(self, name, numbers)
 
     @classmethod
     def of(cls, settings: Settings) -> Rig:

@@ -78,6 +78,9 @@ class Settings:
             if type(item.default) is float and type(value) is int:
                 value = float(value)
                 object.__setattr__(self, item.name, value)
+            elif type(item.default) is tuple and type(value) is list:
+                value = tuple(value)
+                object.__setattr__(self, item.name, value)
             problem = _problem(value, item.default, item.metadata)
             if problem:
                 raise ConfigError(f'{item.name}: {value!r} is {problem}')
@@ -96,13 +99,7 @@ class Settings:
             For a value out of range.
         """
         known = set(values) - cls.unknown(values)
-        return cls(
-            **{
-                name: tuple(value) if isinstance(value, list) else value
-                for name, value in values.items()
-                if name in known
-            }
-        )
+        return cls(**{name: value for name, value in values.items() if name in known})
 
     @classmethod
     def unknown(cls, values: Mapping[str, Any]) -> set[str]:
@@ -127,7 +124,7 @@ def yaml_document(text: str, source: str) -> Any:
 
 def yaml_value(default: Any, value: Any) -> Any:
     """
-    Make of a YAML value what a setting is: a tuple, or a word that YAML takes for a bool.
+    Make of a YAML value what a setting is: YAML takes some words for a bool, numbers for words.
 
     Parameters
     ----------
@@ -144,7 +141,7 @@ def yaml_value(default: Any, value: Any) -> Any:
             return float(value)
         except ValueError:
             return value
-    return tuple(value) if isinstance(default, tuple) and isinstance(value, list) else value
+    return value
 
 
 def checked(
@@ -182,7 +179,13 @@ def checked(
     return float(value)
 
 
-_KINDS = {bool: 'true or false', int: 'a whole number', float: 'a number', str: 'a text'}
+_KINDS = {
+    bool: 'true or false',
+    int: 'a whole number',
+    float: 'a number',
+    str: 'a text',
+    tuple: 'a list, expected [..., ...]',
+}
 
 
 def _problem(value: Any, default: Any, metadata: Any) -> str:
