@@ -24,8 +24,9 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from hunt_ros.bag.bag_writer import FileEntry, folder_metadata, offered_qos
-from hunt_ros.bag.blocks import Places, expand_zstd, is_compressed
-from hunt_ros.bag.cdr.message_types import definition_text
+from hunt_ros.bag.blocks import Places, Topic, expand_zstd, is_compressed
+from hunt_ros.bag.cdr.layout import extent
+from hunt_ros.bag.cdr.message_types import Definitions, definition_text, definitions_of
 from hunt_ros.bag.mcap import records as rec
 from hunt_ros.bag.mcap.file import McapFile
 from hunt_ros.bag.mcap.layout import IMPOSSIBLE, Layout, walked_places
@@ -170,7 +171,7 @@ def _copy_mcap(file: McapFile, writer: McapWriter, report: Repair) -> None:
 
 
 def copy_chunk(layout: Layout, chunk: rec.Chunk, writer: McapWriter) -> None:
-    """Copy a sound chunk as it is; message by message where one in it must not be copied."""
+    """Copy a chunk as it is; message by message without a CRC, or where one must be left out."""
     raw = rec.expand_chunk(layout.view, chunk)
     data, found = np.frombuffer(raw, np.uint8), walked_places(raw)
     times = [(int(part.log_ns.min()), int(part.log_ns.max())) for part in found.values()]
@@ -178,7 +179,8 @@ def copy_chunk(layout: Layout, chunk: rec.Chunk, writer: McapWriter) -> None:
         return
     first, last = min(first for first, _ in times), max(last for _, last in times)
     if (
-        (first, last) == (chunk.first_ns, chunk.last_ns)
+        chunk.crc
+        and (first, last) == (chunk.first_ns, chunk.last_ns)
         and found.keys() <= layout.channels.keys()
         and not any(_is_packed(layout, key, data, places) for key, places in found.items())
     ):
@@ -198,9 +200,10 @@ def copy_chunk(layout: Layout, chunk: rec.Chunk, writer: McapWriter) -> None:
 def _copy_messages(
     data: NDArray[np.uint8], found: Mapping[int, Places], layout: Layout, writer: McapWriter
 ) -> None:
-    """Copy messages one by one in their order, those that were compressed alone expanded."""
+    """Copy those as their types say, in their order, what was compressed alone expanded."""
     known = {key: places for key, places in found.items() if key in layout.channels}
     packed = {key: _is_packed(layout, key, data, places) for key, places in known.items()}
+    types = {topic.id: (_definitions(topic), topic.type) for topic in layout.topics}
     rows = sorted(
         (start, length, key)
         for key, places in known.items()
@@ -214,7 +217,26 @@ def _copy_messages(
             except ValueError:
                 layout.left_out['messages that cannot be expanded'] += 1
                 continue
+        if not _is_of(*types[key], message):
+            layout.left_out['messages that are not as their type says'] += 1
+            continue
         writer.add_record(data[start - rec.MESSAGE_HEAD.size : start].tobytes(), message)
+
+
+def _definitions(topic: Topic) -> Definitions | None:
+    """Return what the messages of a topic are read by; None where that is not known."""
+    try:
+        return definitions_of(topic)
+    except BagError:
+        return None
+
+
+def _is_of(definitions: Definitions | None, message_type: str, message: bytes) -> bool:
+    """Return False for a message that is shorter than its type: no command could read it."""
+    try:
+        return definitions is None or extent(definitions, message_type, message)[0] <= len(message)
+    except Exception:  # whatever the walk meets in damaged bytes
+        return False
 
 
 def _is_packed(layout: Layout, key: int, data: NDArray[np.uint8], places: Places) -> bool:

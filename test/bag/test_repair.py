@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from bags_made import make_record, write_messages, write_rosbags
 from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin
 
 from hunt_ros.bag import Bag, BagWriter, read_record, write_record
 from hunt_ros.bag.inspection import inspect
 from hunt_ros.bag.messages import read_raw
 from hunt_ros.bag.repair import BeingRecorded, finalise, finalise_left, repair
-from hunt_ros.errors import BagError
+from hunt_ros.errors import BagError, MessageError
 from hunt_ros.samples import Record
 
 
@@ -241,3 +242,19 @@ def test_unchunked_files_and_split_folders_are_repaired(tmp_path: Path) -> None:
     report = repair(path, tmp_path / 'out')
     assert len(list((tmp_path / 'out').glob('*.mcap'))) == 3
     assert report.messages > 2 * sum(map(len, record.values()))
+
+
+def test_a_message_that_no_command_can_read_is_not_saved(tmp_path: Path) -> None:
+    """Without a CRC damage shows in the message alone; one used to cost the whole copy."""
+    record = make_record(seconds=0.2)
+    file = write_rosbags(tmp_path / 'run', record, plugin=StoragePlugin.MCAP)
+    data = bytearray(file.read_bytes())
+    at = data.rindex(b'lateral\0')
+    data[at - 4 : at] = b'\xff\xff\xff\x7f'  # the length of the joint's name
+    file.write_bytes(data)
+    with pytest.raises(MessageError):
+        read_record(file)
+    report = repair(file, tmp_path / 'out')
+    assert report.problems[-1].endswith('1 messages that are not as their type says are left out')
+    assert len(read_record(report.path)['lateral']) == len(record['lateral']) - 1
+    assert {problem.kind for problem in inspect(report.path).problems} <= {'missing_channel'}
