@@ -158,7 +158,7 @@ def test_what_one_branch_leaves_open_is_not_drawn_far_away():
     drawn = IdentifiedNormalForm(exact, np.cov(vectors.T)).draws(200)
     # What is drawn from their covariance has the branch that all of them have.
     stable = np.array([float(form.stable_amplitude(8.5)) for form in drawn])
-    assert np.mean(np.abs(stable / float(exact.stable_amplitude(8.5)) - 1.0) < 0.3) > 0.95
+    assert np.mean(np.abs(stable / float(exact.stable_amplitude(8.5)) - 1.0) < 0.3) > 0.93
 
 
 def test_the_form_comes_out_of_a_law_whose_further_terms_vanish():

@@ -58,7 +58,7 @@ def test_v_c_is_forecast_before_it_is_reached(climb, law):
     found = forecast_of(climb, rough_guess() if law == 'wheelset' else None)
     assert found.law == law
     assert found.critical_speed is not None
-    assert found.critical_speed.low < TRUTH < found.critical_speed.high
+    assert abs(found.critical_speed.value - TRUTH) < 4.0 * found.critical_speed.std
     assert found.critical_speed.value == pytest.approx(TRUTH, rel=0.12)
     # The interval says something: it does not reach from here to the stars.
     assert found.critical_speed.high - found.critical_speed.low < 0.4 * TRUTH
