@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from types import MappingProxyType
 
 import numpy as np
-from made import record_of, words
+from made import PAPER, record_of, words
 
-from hunt_ros.detection import HuntingDetector, JournalEntry
+from hunt_ros.detection import DetectorConfig, HuntingDetector, JournalEntry
 from hunt_ros.detection.output import Output
 from hunt_ros.detection.replay import detect
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.samples import Record, Series
 
@@ -86,8 +87,11 @@ class Fed:
 class Moving(Fed):
     """A wheelset that moves at the hunting frequency of the paper's form, and its speed."""
 
-    def __init__(self, detector: HuntingDetector, seed: int = 1) -> None:
-        super().__init__(detector)
+    def __init__(
+        self, form: IdentifiedNormalForm | None = PAPER, seed: int = 1, **settings: object
+    ) -> None:
+        config = DetectorConfig(**{'channels': ('lateral', 'speed'), **settings})
+        super().__init__(HuntingDetector(config, form))
         self.seconds = 0.0
         self._random = np.random.default_rng(seed)
 

@@ -7,21 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fed import Moving
-from made import PAPER, SECOND
+from made import SECOND
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, health
+from hunt_ros.detection import Level, State, health
 from hunt_ros.detection.decision.states import CYCLE_S
 from hunt_ros.detection.output import EVENT_NUMBERS, seconds_text
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import Uncertain
-
-
-def made(form: IdentifiedNormalForm | None = PAPER, seed: int = 1, **settings: object) -> Moving:
-    """Return a wheelset with a lateral sensor and a speed, and its detector."""
-    config = DetectorConfig(channels=('lateral', 'speed'), **settings)
-    return Moving(HuntingDetector(config, form), seed)
 
 
 def rest(seconds: float, rate_hz: float = 200.0) -> np.ndarray:
@@ -44,7 +38,7 @@ def hunts(rig: Moving) -> None:
 @pytest.mark.parametrize('frequency_hz', [3.6, 8.0, 12.0])
 @pytest.mark.parametrize('seed', range(4))
 def test_a_form_at_another_frequency_ends_no_hunting(frequency_hz: float, seed: int) -> None:
-    rig = made(seed=seed)
+    rig = Moving(seed=seed)
     rig.move(hunting())
     assert rig.detector.status.state is State.LIMIT_CYCLE
     rig.detector.acknowledge()
@@ -57,7 +51,7 @@ def test_a_form_at_another_frequency_ends_no_hunting(frequency_hz: float, seed: 
 
 
 def test_a_clock_set_back_ends_no_hunting() -> None:
-    rig = made()
+    rig = Moving()
     hunts(rig)
     rig.detector.acknowledge()
     words = rig.move(np.full(2000, 630e-6), start_s=2.0)
@@ -71,7 +65,7 @@ def test_a_clock_set_back_ends_no_hunting() -> None:
 
 
 def test_without_speed_a_growing_motion_does_not_decay() -> None:
-    rig = made()
+    rig = Moving()
     begun = 300e-6 * np.exp(0.5 * np.arange(200) / 200.0)
     rig.move(np.concatenate((rest(6.0), begun)))
     assert rig.detector.status.state is State.ESCAPING
@@ -87,7 +81,7 @@ def test_without_speed_a_growing_motion_does_not_decay() -> None:
 
 @pytest.mark.parametrize('output_rate_hz', [50.0, 200.0, 1000.0])
 def test_a_slow_decay_is_seen_at_any_rate_of_the_rows(output_rate_hz: float) -> None:
-    rig = made(form=None, output_rate_hz=output_rate_hz)
+    rig = Moving(form=None, output_rate_hz=output_rate_hz)
     rig.move(np.full(10_000, 630e-6), rate_hz=1000.0)
     assert rig.detector.status.state is State.LIMIT_CYCLE
     decay = 630e-6 * np.exp(-0.2 * np.arange(6000) / 1000.0)
@@ -97,7 +91,7 @@ def test_a_slow_decay_is_seen_at_any_rate_of_the_rows(output_rate_hz: float) -> 
 
 
 def test_a_pause_keeps_alarm_and_hunting_and_is_replayed() -> None:
-    rig = made()
+    rig = Moving()
     hunts(rig)
     rig.detector.restart()
     assert rig.detector.status.alarm
@@ -110,13 +104,13 @@ def test_a_pause_keeps_alarm_and_hunting_and_is_replayed() -> None:
     rig.assert_replayed()
     rig.detector.acknowledge()
     assert not rig.detector.status.alarm
-    hunts(again_rig := made())
+    hunts(again_rig := Moving())
     again_rig.detector.reset()
     assert not again_rig.detector.status.alarm, 'reset is as new'
 
 
 def test_settings_change_while_it_runs_and_the_change_is_replayed() -> None:
-    rig = made(form=None)
+    rig = Moving(form=None)
     rig.move(np.full(2400, 630e-6))
     assert rig.detector.status.state is State.LIMIT_CYCLE
     floor = rig.detector.status.number('noise_floor_m')
@@ -139,7 +133,7 @@ def test_settings_change_while_it_runs_and_the_change_is_replayed() -> None:
 
 
 def test_an_event_says_when_it_began_and_why() -> None:
-    rig = made()
+    rig = Moving()
     hunts(rig)
     events = {event.event: event for event in rig.output.events}
     hold = CYCLE_S * 2.84 / PAPER_NORMAL_FORM.frequency_hz
@@ -167,7 +161,7 @@ def test_an_event_says_when_it_began_and_why() -> None:
 
 
 def test_an_event_that_a_likelihood_ratio_decided_has_it_with_its_limit() -> None:
-    rig = made(form=None)
+    rig = Moving(form=None)
     hunts(rig)
     rig.move(630e-6 * np.exp(-np.arange(2000) / 200.0), start_s=12.0)
     events = {event.event: event for event in rig.output.events}
@@ -179,7 +173,7 @@ def test_an_event_that_a_likelihood_ratio_decided_has_it_with_its_limit() -> Non
         assert ratio > limit > 0.0
         assert f'log likelihood ratio {ratio:.3g}, limit {limit:.3g}' in event.cause
     # Ten times fewer false alarms: the logarithm of ten is added to the whole evidence.
-    rare = made(form=None, false_alarms_per_week=0.1 * rig.detector.config.false_alarms_per_week)
+    rare = Moving(form=None, false_alarms_per_week=0.1 * rig.detector.config.false_alarms_per_week)
     hunts(rare)
     (escaping,) = (one for one in rare.output.events if one.event == 'escaping')
     more = np.log(10.0) * np.array([1.0, 1.0 / 3.0])
@@ -187,7 +181,7 @@ def test_an_event_that_a_likelihood_ratio_decided_has_it_with_its_limit() -> Non
     gained -= events['escaping'].numbers['log_likelihood_ratio_limit']
     assert np.isclose(gained, more).any()
 
-    known = made()
+    known = Moving()
     hunts(known)
     for event in known.output.events:
         assert event.test != 'likelihood_ratio'
@@ -195,7 +189,7 @@ def test_an_event_that_a_likelihood_ratio_decided_has_it_with_its_limit() -> Non
 
 
 def test_the_status_says_why_and_since_when_with_its_numbers() -> None:
-    rig = made()
+    rig = Moving()
     rig.move(rest(3.0))
     status = rig.detector.status
     assert status.level is Level.WARN
@@ -222,7 +216,7 @@ def test_the_status_says_why_and_since_when_with_its_numbers() -> None:
 
 @pytest.mark.parametrize('live', [True, False])
 def test_a_channel_that_is_back_says_how_long_it_was_gone(live) -> None:
-    rig = made()
+    rig = Moving()
     rig.move(np.full(600, 20e-6))
     if live:
         rig.outputs.append(rig.detector.tick(5 * SECOND))

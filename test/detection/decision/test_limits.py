@@ -9,7 +9,7 @@ import pytest
 from fed import Moving
 from made import SECOND
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State
+from hunt_ros.detection import DetectorConfig, Level, State
 from hunt_ros.errors import ConfigError
 
 
@@ -17,8 +17,7 @@ class Rig(Moving):
     """Moves sideways by amplitudes given per second; no form, a speed of 7.2 m/s."""
 
     def __init__(self, channels: tuple[str, ...] = ('lateral', 'speed'), **settings) -> None:
-        config = DetectorConfig(channels=channels, critical_speed_mps=8.0, **settings)
-        super().__init__(HuntingDetector(config))
+        super().__init__(None, channels=channels, critical_speed_mps=8.0, **settings)
 
     def hold(self, *amplitudes_m: float, **more: float) -> None:
         """Go on for a second with each amplitude."""

@@ -7,19 +7,13 @@ import json
 import numpy as np
 import pytest
 from fed import Moving
-from made import PAPER, SECOND
+from made import SECOND
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector
 from hunt_ros.detection.output import Output
 from hunt_ros.detection.words.alarms import KEPT, AlarmHistory
 from hunt_ros.samples import Series
 
 CYCLE_M = 630e-6
-
-
-def fresh() -> Moving:
-    config = DetectorConfig(channels=('lateral', 'speed'))
-    return Moving(HuntingDetector(config, PAPER))
 
 
 def episode(rig: Moving, start_s: float = 0.0) -> Output:
@@ -33,7 +27,7 @@ def episode(rig: Moving, start_s: float = 0.0) -> Output:
 
 
 def test_an_alarm_is_kept_with_its_cause_its_size_and_who_acknowledged() -> None:
-    moving = fresh()
+    moving = Moving()
     rig, events = moving.detector, episode(moving).events
     (alarm,) = rig.history.alarms
     escape, over = (next(e for e in events if e.event == word) for word in ('escaping', 'quiet'))
@@ -67,7 +61,7 @@ def test_an_alarm_is_kept_with_its_cause_its_size_and_who_acknowledged() -> None
 
 
 def test_blocks_a_pause_and_a_replay_do_not_change_the_history() -> None:
-    whole, rig = fresh(), fresh()
+    whole, rig = Moving(), Moving()
     parted = rig.detector
     episode(whole)
     for part in np.array_split(np.arange(5000), 173):
@@ -87,7 +81,7 @@ def test_blocks_a_pause_and_a_replay_do_not_change_the_history() -> None:
 
 
 def test_the_oldest_alarms_go_and_the_totals_stay() -> None:
-    rig = fresh()
+    rig = Moving()
     output = episode(rig)
     history = AlarmHistory(rig.detector.config.period_ns)
     for _ in range(KEPT + 3):
@@ -98,7 +92,7 @@ def test_the_oldest_alarms_go_and_the_totals_stay() -> None:
 
 
 def test_a_history_that_begins_at_stamp_zero_says_so() -> None:
-    rows = episode(fresh()).estimates[:20]
+    rows = episode(Moving()).estimates[:20]
     rows['stamp_ns'] -= rows['stamp_ns'][0]
     history = AlarmHistory(10_000_000)
     for row in np.array_split(rows, 20):
