@@ -97,3 +97,20 @@ def test_kicks_that_come_each_half_second_are_followed(hunting_signal) -> None:
         error = (rows['lateral_amplitude'] / true - 1.0)[(seconds > 8.0) & (seconds < 10.0)]
         sure.append(np.sqrt(np.mean(error**2)))
     assert np.median(sure) < 0.14
+
+
+@pytest.mark.parametrize('rate', [200.0, 1000.0], ids='{} Hz'.format)
+def test_motion_that_stops_cut_off_has_its_amplitude(rate) -> None:
+    """Each flank of a wave that has grown into the stops is no kick: it is its shape."""
+    rng = np.random.default_rng(0)
+    seconds = np.arange(1, round(36.0 * rate)) / rate
+    size = 4.0 * np.exp(np.minimum(0.5 * (seconds - 12.0), 0.0))
+    wave = 6e-4 * np.clip(size * np.sin(2.0 * np.pi * seconds / PERIOD_S), -1.0, 1.0)
+    stamps = np.round(seconds * 1e9).astype(np.int64)
+    values = wave + 1e-6 * rng.standard_normal(seconds.size)
+    rows_ns = np.arange(1, 3500) * 10_000_000
+    rows = HuntingTracker().update(stamps, 0, values, np.nan, 7.0, rows_ns)
+    full = seconds > 12.0
+    turns = np.exp(2j * np.pi * seconds / PERIOD_S)
+    fundamental = 2.0 * abs(np.mean((wave * turns)[full]))
+    assert rows['lateral_amplitude'][2000:] == pytest.approx(fundamental, rel=0.05)

@@ -36,6 +36,9 @@ from hunt_ros.estimation.tracker.tuning import stop_sensor, tune
 KICK_QUICK = 0.08  # s, time constant of the in-band burst detector
 BURST = 20.0  # power over that of white noise taken for a surprise
 OPENED = 5.0  # the covariance opens to this multiple of the innovation
+#: Kicks without a pause of so many periods, for longer than one, are none: then the noise of the
+#: sensor rises by this factor with each.
+SHAPED, NOISIER = 1.2, 1.5
 SLIGHT = 0.03  # of the amplitude: a change that needs no opening of the covariance
 RESOLVED = 1e8  # power over that of the noise that double precision can still resolve
 #: Chance, before anything is seen, that in one bin the rig is kicked, the level of a sensor steps,
@@ -122,10 +125,17 @@ def open_level(f: at.Filter, k: int) -> None:
 @compiled_part
 def open_kick(f: at.Filter, k: int) -> None:
     """Open the covariance for a kick seen by sensor k."""
-    x, P = f.x, f.P
+    sensor, x, P = f.sensors[k], f.x, f.P
     size, scale = seen_of_lateral(f, k), seen(f, k)
-    open_modes(f, min(OPENED * OPENED * scale, RESOLVED * f.sensors[k].noise) / size)
-    if at.SETTLING < f.time - f.kick < 2.0:
+    open_modes(f, min(OPENED * OPENED * scale, RESOLVED * sensor.noise) / size)
+    since = f.time - f.kick
+    if since * x[at.OMEGA] > SHAPED * 2.0 * math.pi:
+        f.kicks_since = f.time
+    if (f.time - f.kicks_since) * x[at.OMEGA] > 2.0 * math.pi:
+        # What comes again in each period is the shape of the motion, as where stops cut it off:
+        # noise to a filter that follows one frequency.
+        sensor.noise *= NOISIER
+    elif at.SETTLING < since < 2.0:
         # One comes again at once where the frequency is wrong: each beat looks like a kick.
         P[at.OMEGA, at.OMEGA] = max(P[at.OMEGA, at.OMEGA], at.OMEGA_STD**2)
     power = x[0] * x[0] + x[1] * x[1]

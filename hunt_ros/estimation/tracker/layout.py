@@ -199,6 +199,7 @@ class Filter:
     event: int  # what its covariance was last opened for: NOTHING yet, a KICK, a STEP
     opened: float  # when that was
     kick: float  # time of the last kick
+    kicks_since: float  # when the first was of those that came without a pause
     # speed, modes, angle
     speed: float
     speed_seen: float  # where the growth rate was last opened for a change of speed
