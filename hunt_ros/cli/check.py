@@ -24,9 +24,10 @@ from hunt_ros.cli.support.processes import NodeSpec, ask
 from hunt_ros.errors import ConfigError
 from hunt_ros.estimation.textbook import compared_amplitudes
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
+from hunt_ros.identification.record.stops import without_stops
 from hunt_ros.rig import Rig
 from hunt_ros.samples import CHANNELS, Record, Series, known
-from hunt_ros.sensors import lacking
+from hunt_ros.sensors import DISPLACEMENTS, lacking
 
 EXAMPLE = 'hunt check bags/kick_decays --rig config/rig.yaml'
 
@@ -61,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         record, arrivals = _live(heard)
         findings = [*_publishers(heard, rig), *check_rig(record, arrivals, rig)]
         findings += [_disk(record, arguments.directory or options.RECORDINGS), _alarm(arguments)]
-    findings += [*_damage(record), *_units(record), *_filters(record, rig)]
+    findings += [*_damage(record), *_units(record), *_stops(record), *_filters(record, rig)]
     failed = sum(finding.state == FAIL for finding in findings)
     document = {
         'source': str(arguments.bag) if arguments.bag else f'/{arguments.namespace or "rig"}',
@@ -145,6 +146,16 @@ def _units(record: Record) -> list[Finding]:
         advice = 'if that is wrong, import it again with a factor: --channel lateral=y*0.001'
         found.append(Finding('unit', '', WARN, text, advice))
     return found
+
+
+def _stops(record: Record) -> list[Finding]:
+    """Return where a displacement sensor does not measure, by what `hunt identify` leaves out."""
+    texts = {name: without_stops(record[name])[1] for name in DISPLACEMENTS if name in record}
+    advice = (
+        'hunt identify leaves this out, and the detector does not: look at range and cable of the'
+        ' sensor, and at what reads it'
+    )
+    return [Finding('range', name, WARN, text, advice) for name, text in texts.items() if text]
 
 
 def _filters(record: Record, rig: Rig) -> list[Finding]:

@@ -129,6 +129,21 @@ def test_a_fault_is_found_and_says_what_to_do(check, fault: str) -> None:
     assert what != 'encoder' or ('diameter', 'roller') not in found
 
 
+@pytest.mark.parametrize(
+    ('values', 'words'),
+    [
+        (lambda v: np.clip(v, -6e-5, 6e-5), 'saturated at 6e-05 and -6e-05'),
+        (lambda v: np.where(np.arange(v.size) % 400 == 200, -9.999, v), '5 spikes'),
+    ],
+)
+def test_a_range_that_nobody_stated_and_error_codes_are_seen(check, values, words: str) -> None:
+    """Both were all ok here, while `hunt identify` left most of the recording out."""
+    _, found = check(changed(_sound(), lateral=values))
+    one = found['range', 'lateral']
+    assert one['state'] in ('warn', 'fail')
+    assert words in one['text']
+
+
 def test_an_encoder_may_wrap_and_run_backwards(check) -> None:
     code, found = check(changed(_sound(), roller=lambda v: -v % (2.0 * np.pi)))
     assert code == 0

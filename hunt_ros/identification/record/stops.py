@@ -107,7 +107,7 @@ def measuring(record: Record, warnings: list[str], saturated_m: float = 0.0) -> 
         if name not in record:
             continue
         limit = saturated_m if name == 'lateral' else 0.0
-        cleaned, said = _without_stops(record[name], limit)
+        cleaned, said = without_stops(record[name], limit)
         if not said:
             continue
         source = record.source or 'record'
@@ -118,8 +118,24 @@ def measuring(record: Record, warnings: list[str], saturated_m: float = 0.0) -> 
     return replace(record, channels=channels)
 
 
-def _without_stops(series: Series, limit: float) -> tuple[Series, str]:
-    """Return the series with NaN where the sensor stops, and what was found; '' for nothing."""
+def without_stops(series: Series, limit: float = 0.0) -> tuple[Series, str]:
+    """
+    Take out where one sensor does not measure.
+
+    Parameters
+    ----------
+    series : Series
+        Its readings, any unit.
+    limit : float
+        Size from which on they are at the end of its range; 0: looked for.
+
+    Returns
+    -------
+    Series
+        With NaN there.
+    str
+        What was found, as the end of a sentence that begins with the channel; '' for nothing.
+    """
     known = series.finite()
     time, readings = known.seconds(), known.values
     if readings.size < _FEWEST or float(np.ptp(readings)) == 0.0:
