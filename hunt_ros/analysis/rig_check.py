@@ -38,6 +38,9 @@ _IN_A_PERIOD, _SPEED_HZ = 10.0, 5.0
 _JITTER_SHARE = 0.01
 #: This share of missing samples is allowed.
 _MISSING_SHARE = 1e-3
+#: This share of long steps, with more missing between than there are, is no loss: a buffer was
+#: read at once, and stamped by who read it.
+_BURSTS = 0.01
 #: Stamps this far from the arrival are another clock's, s.
 _OFFSET_S = 0.05
 #: The tracker follows a roller whose diameter is given with this error; the speed check allows
@@ -162,10 +165,20 @@ def _times(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
         advice = 'stamp each sample once, when it was taken, on a clock that is not set'
         yield Finding('gaps', channel, FAIL, text, f'{advice} while it runs', float(backward))
         return
+    regular = steps < GAP_STEPS * step
+    apart = steps[~regular]
+    missing = float(np.sum(np.rint(apart / step) - 1.0))
+    if missing > len(series) and apart.size > _BURSTS * steps.size:
+        text = (
+            f'samples come in bursts of {len(series) / (apart.size + 1):.0f},'
+            f' {float(np.median(apart)):.3g} s apart'
+        )
+        advice = 'stamp each sample by the clock of the converter, in a message with a header'
+        yield Finding('jitter', channel, FAIL, text, advice, float(np.median(apart)), 's')
+        return
     least = _IN_A_PERIOD * _highest_hz(rig) if channel in MOTION else _SPEED_HZ
     text, advice = f'{1.0 / step:.4g} samples/s', f'sample it at {least:.3g} Hz or more'
     yield _judged('rate', channel, 1.0 / step < least, text, advice, 1.0 / step, 'Hz')
-    regular = steps < GAP_STEPS * step
     jitter = float(np.std(steps[regular])) / math.sqrt(2.0)
     most = _JITTER_SHARE / (2.0 * math.pi * _highest_hz(rig))
     text = f'stamps are off by {1e3 * jitter:.3g} ms (standard deviation)'
@@ -175,7 +188,6 @@ def _times(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
     )
     loose = channel in MOTION and jitter > most
     yield _judged('jitter', channel, loose, text, advice, jitter, 's')
-    missing = float(np.sum(np.rint(steps[~regular] / step) - 1.0))
     share = missing / (len(series) + missing)
     text = f'{missing:.0f} samples are missing, the longest gap is {float(steps.max()):.3g} s'
     advice = 'look for lost messages: the network, the depth of the queues, the load of the host'

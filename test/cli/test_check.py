@@ -65,11 +65,19 @@ def _wrapped_and_slow(sound: Record) -> Record:
     return _every(20, 'roller')(changed(sound, roller=lambda v: v % (2.0 * np.pi)))
 
 
+def _read_at_once(sound: Record) -> Record:
+    series = sound['lateral']
+    within = np.arange(len(series)) % 25
+    stamps = series.stamps_ns - within * 5_000_000 + within * 1000
+    return changed(sound, lateral=Series(stamps, series.values))
+
+
 #: What is wrong -> how, the check that finds it, its channel, and words of the advice.
 FAULTS: dict[str, tuple[Change, str, str, str]] = {
     'no yaw': (lambda sound: without(sound, 'yaw'), 'rate', 'yaw', 'start what publishes'),
     'slow': (_every(10, 'lateral'), 'rate', 'lateral', '59.6 Hz'),
     'jitter': (_jittered, 'jitter', 'lateral', 'clock of the converter'),
+    'bursts': (_read_at_once, 'jitter', 'lateral', 'with a header'),
     'lost': (_holed, 'gaps', 'yaw', 'queues'),
     'stuck': (_other(yaw=0.0), 'noise', 'yaw', 'not connected'),
     'noisy': (_other(lateral=lambda v: 10.0 * v), 'noise', 'lateral', 'shielding'),
