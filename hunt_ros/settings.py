@@ -107,6 +107,20 @@ class Settings:
         return set(values) - {item.name for item in fields(cls)}
 
 
+class _Loader(yaml.SafeLoader):  # type: ignore[misc] # it has no types
+    """Refuses a key that stands twice: ROS takes both sections, YAML the last, without a word."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """Return the mapping."""
+        seen: set[str] = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and key.value in seen:
+                text = f'{key.value!r} stands there twice'
+                raise yaml.constructor.ConstructorError(None, None, text, key.start_mark)
+            seen.add(str(key.value))
+        return dict(super().construct_mapping(node, deep))
+
+
 def yaml_document(text: str, source: str) -> Any:
     """
     Return what a YAML text holds.
@@ -117,7 +131,7 @@ def yaml_document(text: str, source: str) -> Any:
         In one line, where it is not YAML.
     """
     try:
-        return yaml.safe_load(text)
+        return yaml.load(text, _Loader)
     except yaml.YAMLError as error:
         raise ConfigError(f'{source}: not YAML ({" ".join(str(error).split())})') from error
 
