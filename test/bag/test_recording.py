@@ -85,18 +85,6 @@ def test_split_by_size_and_by_time_keeps_every_message(tmp_path: Path) -> None:
         assert all(last - first <= 5_000_000_000 for first, last in spans)
 
 
-def test_topics_may_come_at_any_time_and_notes_too(tmp_path: Path) -> None:
-    recording = Recording(tmp_path / 'run')
-    offer_all(recording, 10)
-    key = recording.topic('/late', 'std_msgs/msg/String', latched=True)
-    recording.offer(key, BEGIN_NS, b'\x00\x01\x00\x00\x02\x00\x00\x00x\x00')
-    recording.note('parameters', {'/rig/node': 'a: 1'})
-    path = recording.stop()
-    with Bag(path) as bag:
-        assert bag.topics['/late'].messages == 1
-        assert bag.strings('parameters') == {'/rig/node': 'a: 1'}
-
-
 def test_a_disk_that_fills_ends_the_recording_closed_and_says_so(
     tmp_path: Path, monkeypatch, machine
 ) -> None:

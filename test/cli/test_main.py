@@ -118,12 +118,17 @@ def test_simulate_runs_a_profile_whose_step_ends_by_the_amplitude(capsys, tmp_pa
     assert (speed[0], speed[-1]) == pytest.approx((7.2, 6.2), abs=0.1)
 
 
-@pytest.mark.parametrize('number', ['3', '3.0', '3e0', '30.0e-1'])
-def test_a_number_may_be_written_in_any_way(number: str) -> None:
-    words = ['replay', 'x', '--set', f'hunting_frequency_hz={number}']
-    arguments = parser_of('replay').parse_args(words)
+@pytest.mark.parametrize(
+    ('words', 'value'),
+    [
+        *((f'hunting_frequency_hz={number}', 3.0) for number in ('3', '3.0', '3e0', '30.0e-1')),
+        ('lines=', ()),
+    ],
+)
+def test_a_setting_may_be_written_in_any_way(words: str, value: object) -> None:
+    arguments = parser_of('replay').parse_args(['replay', 'x', '--set', words])
     (config,) = settings_of(arguments, 'hunting_detector', DetectorConfig)
-    assert config.hunting_frequency_hz == 3.0
+    assert getattr(config, words.partition('=')[0]) == value
 
 
 def test_an_option_has_one_meaning_in_every_verb(capsys) -> None:

@@ -16,8 +16,6 @@ from hunt_ros.bag.record_writer import serialise
 from hunt_ros.cli.main import parser_of
 from hunt_ros.cli.replay import read
 from hunt_ros.cli.support.live_replay import _player
-from hunt_ros.cli.support.options import settings_of
-from hunt_ros.detection import DetectorConfig
 from hunt_ros.errors import HuntError
 from hunt_ros.files import write_whole
 from hunt_ros.samples import Record, Series
@@ -121,12 +119,6 @@ def test_a_terminal_without_the_signs_of_a_name_prints_all_the_same(tmp_path: Pa
     ended = python(*words, code=1, PYTHONIOENCODING='ascii')
     assert 'Traceback' not in ended.stderr
     assert 'ke ? ?' in ended.stdout
-
-
-def test_an_empty_list_of_a_setting_is_empty() -> None:
-    arguments = parser_of('replay').parse_args(['replay', 'x', '--set', 'lines='])
-    (config,) = settings_of(arguments, 'hunting_detector', DetectorConfig)
-    assert config.lines == ()
 
 
 def test_a_closed_pipe_is_no_failure(tmp_path: Path) -> None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 from made import install_driver
 
 from hunt_ros.drivers.base import driver_class
-from hunt_ros.errors import ConfigError
+from hunt_ros.errors import ConfigError, DriverError
 
 
 @pytest.fixture
@@ -59,3 +61,41 @@ def test_a_library_that_is_missing_is_named_with_its_extra(name, monkeypatch) ->
     kind = driver_class(name, 'Sensor')
     with pytest.raises(ConfigError, match=rf'{library}.* is not installed .*hunt_ros\['):
         kind(kind.Settings(), 'yaw', 100.0).open()
+
+
+@pytest.mark.parametrize(
+    ('driver', 'settings', 'words'),
+    [
+        ('serial_line Sensor', {'columns': 2, 'column': 2}, 'column 2 of 2'),
+        ('serial_line Sensor', {'scale': 0.0}, 'scale: 0'),
+        ('nidaqmx Sensor', {'least_v': 10.0}, 'least_v: 10 V is not below largest_v'),
+        ('modbus Drive', {'actual_register': 1, 'speed_scale_mps': 0.0}, 'speed_scale_mps: 0'),
+        ('modbus Drive', {'timeout_s': 3.0}, r'timeout_s: 3\.0 is above 0\.5'),
+    ],
+)
+def test_settings_that_are_impossible_are_refused(driver, settings, words) -> None:
+    name, role = driver.split()
+    kind = driver_class(name, role)
+    place = ('yaw', 500.0) if role == 'Sensor' else (0.3,)
+    with pytest.raises(ConfigError, match=words):
+        kind(kind.Settings(**settings), *place)
+
+
+@pytest.mark.parametrize('bus', ['modbus', 'serial line'])
+def test_closing_ends_a_read_under_way(request, bus) -> None:
+    if bus == 'modbus':
+        server = request.getfixturevalue('modbus_server')
+        modbus = driver_class('modbus', 'Sensor')
+        sensor = modbus(modbus.Settings(port=server.port, timeout_s=5.0), 'lateral', 0.01)
+    else:
+        terminal = request.getfixturevalue('terminal')
+        line = driver_class('serial_line', 'Sensor')
+        sensor = line(line.Settings(serial_port=terminal.port), 'lateral', 500.0)
+    sensor.open()
+    sensor.read(0.1)  # the first is due at once
+    timer = threading.Timer(0.2, sensor.close)
+    timer.start()
+    with contextlib.suppress(DriverError):  # it says that the port is closed, or nothing
+        assert not sensor.read(60.0).stamps_ns.size
+    timer.join()
+    sensor.close()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hunt_ros.drivers.nidaqmx import NidaqmxInput, Sensor
-from hunt_ros.errors import ConfigError, DriverError
+from hunt_ros.errors import DriverError
 
 
 class _Task:
@@ -104,8 +104,3 @@ def test_without_the_driver_of_the_vendor_the_reason_is_one_line() -> None:
         sensor.open()
     assert '\n' not in str(caught.value)
     sensor.close()
-
-
-def test_a_range_that_is_none_is_refused() -> None:
-    with pytest.raises(ConfigError, match='least_v: 10 V is not below largest_v'):
-        Sensor(NidaqmxInput(least_v=10.0), 'lateral', 500.0)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-import threading
 
 import numpy as np
 import pytest
 
 from hunt_ros.drivers.serial_line import Sensor, SerialLine
-from hunt_ros.errors import ConfigError, DriverError
+from hunt_ros.errors import DriverError
 
 pytest.importorskip('serial', reason='the extra serial is not installed')
 
@@ -125,28 +123,6 @@ def test_a_port_is_read_by_one_driver_only(terminal) -> None:
         _open(terminal)
     sensor.close()
     _open(terminal).close()
-
-
-def test_closing_ends_a_read_under_way(terminal) -> None:
-    sensor = _open(terminal)
-    timer = threading.Timer(0.2, sensor.close)
-    timer.start()
-    with contextlib.suppress(DriverError):  # it says that the port is closed, or nothing
-        assert not sensor.read(60.0).stamps_ns.size
-    timer.join()
-    sensor.close()
-
-
-@pytest.mark.parametrize(
-    ('settings', 'words'),
-    [
-        ({'columns': 2, 'column': 2}, 'column 2 of 2'),
-        ({'scale': 0.0}, 'scale: 0'),
-    ],
-)
-def test_impossible_settings_are_one_line(settings, words) -> None:
-    with pytest.raises(ConfigError, match=words):
-        Sensor(SerialLine(**settings), 'yaw', 500.0)
 
 
 def test_a_first_clock_that_is_none_is_a_lost_line(terminal, machine) -> None:

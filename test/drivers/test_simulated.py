@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import socket
-import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -22,20 +21,20 @@ def server() -> Iterator[SimulatorServer]:
     server.close()
 
 
-def _poll_until(server: SimulatorServer, wanted) -> None:
-    deadline = time.monotonic() + 5.0
-    while not wanted(server.poll()):
-        assert time.monotonic() < deadline, 'the server saw nothing'
+@pytest.fixture
+def until(server: SimulatorServer, machine):
+    """Return what lets the server work until something is so."""
+
+    def wait(wanted=lambda speed: server.readers == 1) -> None:
+        machine.until(lambda: wanted(server.poll()))
+
+    return wait
 
 
-def _connected(server: SimulatorServer) -> bool:
-    return server.readers == 1
-
-
-def test_a_sensor_receives_its_own_channel_only(server: SimulatorServer) -> None:
+def test_a_sensor_receives_its_own_channel_only(server: SimulatorServer, until) -> None:
     sensor = Sensor(SimulatorAddress(port=server.port), 'yaw', 500.0)
     sensor.open()
-    _poll_until(server, lambda _: _connected(server))
+    until()
     server.send(Channel.LATERAL, np.array([1]), np.array([9.0]))
     server.send(Channel.YAW, np.array([10, 20]), np.array([0.5, np.nan]))
     block = sensor.read(2.0)
@@ -46,22 +45,22 @@ def test_a_sensor_receives_its_own_channel_only(server: SimulatorServer) -> None
     sensor.close()
 
 
-def test_the_drive_reads_and_takes_a_set_point(server: SimulatorServer) -> None:
+def test_the_drive_reads_and_takes_a_set_point(server: SimulatorServer, until) -> None:
     drive = Drive(SimulatorAddress(port=server.port), 0.3)
     drive.open()
-    _poll_until(server, lambda _: _connected(server))
+    until()
     server.send(Channel.DRIVE, np.array([5]), np.array([1.5]), np.array([7.25]))
     block = drive.read(2.0)
     assert (block.stamps_ns[0], block.angle_rad[0], block.speed_mps[0]) == (5, 1.5, 7.25)
     drive.set_speed(6.5)
-    _poll_until(server, lambda speed: speed == 6.5)
+    until(lambda speed: speed == 6.5)
     drive.close()
 
 
-def test_a_slow_reader_loses_samples_and_is_told_how_many(server: SimulatorServer) -> None:
+def test_a_slow_reader_loses_samples_and_is_told_how_many(server: SimulatorServer, until) -> None:
     sensor = Sensor(SimulatorAddress(port=server.port), 'lateral', 500.0)
     sensor.open()
-    _poll_until(server, lambda _: _connected(server))
+    until()
     sent = 0
     for _ in range(4000):
         stamps = np.arange(sent, sent + 500)
@@ -82,10 +81,10 @@ def test_a_slow_reader_loses_samples_and_is_told_how_many(server: SimulatorServe
     sensor.close()
 
 
-def test_a_simulator_that_goes_away_is_a_driver_error(server: SimulatorServer) -> None:
+def test_a_simulator_that_goes_away_is_a_driver_error(server: SimulatorServer, until) -> None:
     sensor = Sensor(SimulatorAddress(port=server.port), 'lateral', 500.0)
     sensor.open()
-    _poll_until(server, lambda _: _connected(server))
+    until()
     server._drop(server._clients[0])
     with pytest.raises(DriverError, match='closed the connection'):
         sensor.read(2.0)
@@ -94,7 +93,9 @@ def test_a_simulator_that_goes_away_is_a_driver_error(server: SimulatorServer) -
 @pytest.mark.parametrize(
     'data', [b'HTTP/1.1 200 OK, and what else comes', b'\0' * 7 + b'\x7f' * 9]
 )
-def test_foreign_bytes_are_refused_by_both_ends(server: SimulatorServer, data: bytes) -> None:
+def test_foreign_bytes_are_refused_by_both_ends(
+    server: SimulatorServer, until, data: bytes
+) -> None:
     with socket.create_server(('127.0.0.1', 0)) as foreign:
         sensor = Sensor(SimulatorAddress(port=foreign.getsockname()[1]), 'yaw', 500.0)
         sensor.open()
@@ -114,14 +115,14 @@ def test_foreign_bytes_are_refused_by_both_ends(server: SimulatorServer, data: b
                 return connection.recv(1) == b''
             return False
 
-        _poll_until(server, ended)
+        until(ended)
 
 
-def test_a_drive_has_one_master(server: SimulatorServer) -> None:
+def test_a_drive_has_one_master(server: SimulatorServer, until) -> None:
     first, second = (Drive(SimulatorAddress(port=server.port), 0.3) for _ in range(2))
     for drive in (first, second):
         drive.open()
-        _poll_until(server, lambda _: server.readers == 1 and len(server._clients) == 1)
+        until(lambda _: server.readers == 1 and len(server._clients) == 1)
     with pytest.raises(DriverError, match='another speed node holds the drive'):
         second.read(2.0)
     first.close()

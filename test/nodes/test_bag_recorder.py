@@ -22,9 +22,10 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from hunt_ros.bag import Bag, read_columns, read_record
+from hunt_ros.bag import Bag, clips, read_columns, read_record
 from hunt_ros.bag.messages import read_statuses, read_texts
 from hunt_ros.bag.recording import RecordingState
+from hunt_ros.nodes import bag_recorder
 from hunt_ros.nodes.support.conversions import diagnostic, twist
 from hunt_ros.nodes.support.qos import JOURNAL, latched
 
@@ -136,9 +137,6 @@ def alarm(word: str, level: str) -> DiagnosticArray:
 def test_an_alarm_has_a_clip_while_the_recording_goes_on_and_when_it_ends(
     graph, resident, monkeypatch
 ) -> None:
-    from hunt_ros.bag import clips
-    from hunt_ros.nodes import bag_recorder
-
     monkeypatch.setattr(clips, 'AFTER_S', 1.0)
     lateral = graph.node.create_publisher(JointState, 'lateral', 1000)
     events = graph.node.create_publisher(DiagnosticArray, 'hunting/events', 1000)
@@ -271,39 +269,28 @@ def test_a_later_recording_begins_with_what_latched_topics_still_say(graph) -> N
         assert entries == [f'entry {number}' for number in range(5)]
 
 
-def test_a_full_disk_closes_the_recording_and_says_so(graph, resident, monkeypatch) -> None:
-    from hunt_ros.nodes import bag_recorder
-
+def test_a_recorder_without_room_stays_says_so_and_records_when_there_is(
+    graph, resident, monkeypatch
+) -> None:
+    monkeypatch.setattr(bag_recorder, '_AGAIN_S', 0.5)
+    # Not filled in truth: others write to this disk and free it.
+    usage, free = shutil.disk_usage(graph.folder), [1 << 10]
+    monkeypatch.setattr(shutil, 'disk_usage', lambda path: usage._replace(free=free[0]))
     closed = graph.collect(String, 'recording/closed', LATCHED)
     health = graph.told()
-    resident(bag_recorder.BagRecorderNode, directory=graph.folder, least_free_mib=1.0)
-    graph.spin_until(lambda: list(graph.folder.glob('*.active')))
-    # Not filled in truth: others write to this disk and free it.
-    full = shutil.disk_usage(graph.folder)._replace(free=1 << 10)
-    monkeypatch.setattr(shutil, 'disk_usage', lambda path: full)
+    folder = graph.folder / 'bags'
+    resident(bag_recorder.BagRecorderNode, directory=folder, least_free_mib=1.0)
+    graph.spin_until(lambda: health.says('on the disk', level='ERROR'))
+    assert not list(folder.glob('hunt_*'))
+    health.clear()
+    free[0] = usage.total
+    graph.spin_until(lambda: list(folder.glob('*.active')) and health.says(level='OK'))
+    health.clear()
+    free[0] = 1 << 10
     graph.spin_until(lambda: closed)
     graph.spin_until(lambda: health.says('on the disk', level='ERROR'))
     with Bag(closed[-1].data) as bag:
         assert not bag.problems
-
-
-def test_a_recorder_without_room_stays_says_so_and_records_when_there_is(
-    graph, resident, monkeypatch
-) -> None:
-    from hunt_ros.nodes import bag_recorder
-
-    monkeypatch.setattr(bag_recorder, '_AGAIN_S', 0.5)
-    room = shutil.disk_usage(graph.folder).free / 2**20
-    health = graph.told()
-    resident(
-        bag_recorder.BagRecorderNode, directory=graph.folder / 'bags', least_free_mib=2.0 * room
-    )
-    graph.spin_until(lambda: health.says(level='ERROR'))
-    assert not list((graph.folder / 'bags').glob('hunt_*'))
-    health.clear()
-    assert not graph.set_parameters('bag_recorder', least_free_mib=1.0)
-    graph.spin_until(lambda: list((graph.folder / 'bags').glob('hunt_*')))
-    graph.spin_until(lambda: health.says(level='OK'))
 
 
 def test_a_folder_that_is_moved_away_is_said_and_another_recording_follows(graph) -> None:
@@ -319,9 +306,7 @@ def test_a_folder_that_is_moved_away_is_said_and_another_recording_follows(graph
 
 
 def test_dropped_messages_are_a_warning(tmp_path: Path) -> None:
-    from hunt_ros.nodes.bag_recorder import _judged
-
     state = RecordingState(tmp_path, True, 5, 5, 1, {'/a': 1, '/b': 2}, 0, '')
-    assert _judged(state) == ('WARN', '3 messages dropped, most of them on /b')
-    assert _judged(replace(state, dropped={}))[0] == 'OK'
-    assert _judged(replace(state, running=False))[0] == 'ERROR'
+    assert bag_recorder._judged(state) == ('WARN', '3 messages dropped, most of them on /b')
+    assert bag_recorder._judged(replace(state, dropped={}))[0] == 'OK'
+    assert bag_recorder._judged(replace(state, running=False))[0] == 'ERROR'

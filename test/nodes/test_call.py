@@ -88,8 +88,3 @@ def test_a_call_whose_answer_is_lost_is_repeated_where_that_does_no_harm(
     assert graph.machine.wait_for(asked) == 0
     assert asked.stdout.read() == 'heard\n'
     speed.destroy_node()
-
-
-def test_words_go_with_a_mark_only(capsys) -> None:
-    assert main(['call', 'emergency-stop', 'now']) == 2
-    assert 'takes no words' in capsys.readouterr().err

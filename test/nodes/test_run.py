@@ -36,12 +36,6 @@ print(sorted(name for name in sys.modules if name.startswith('scipy.') and name.
 """
 
 
-def test_a_run_without_a_rig_says_what_it_expects(capsys, tmp_path) -> None:
-    assert main(['run', '--directory', str(tmp_path)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert all(word in line for word in ('--simulated', '--listen', '--rig'))
-
-
 def test_a_run_with_the_form_of_another_rig_starts_nothing(tmp_path, capsys) -> None:
     """That would call the wrong speeds safe."""
     rig, form = tmp_path / 'rig_file.yaml', tmp_path / 'A.yaml'
@@ -101,6 +95,7 @@ def test_a_run_that_listens_records_without_a_clock_and_ends_at_sigterm(graph, c
     assert 'e: emergency-stop' not in screen, 'the node of that service was not started'
     assert 'Traceback' not in ''.join(log.read_text() for log in folder.glob('logs/**/*.log'))
     (bag,) = folder.glob('hunt_*')
+    assert not bag.suffix, 'the recording was closed'
     values = read_columns(bag, {'y': '/rig/lateral.position[0]'})['y'].values
     assert values.tolist() == list(map(float, range(50)))
 

@@ -89,13 +89,6 @@ def test_the_speed_node_takes_the_roller_to_the_safe_speed_before_it_ends(graph)
     assert speeds[-1].twist.linear.x == pytest.approx(6.5, abs=0.1)
 
 
-def test_a_recorder_that_runs_closes_its_recording(graph) -> None:
-    graph.start('bag_recorder')
-    graph.spin_until(lambda: list(graph.folder.glob('recordings/*.active')))
-    assert graph.end('bag_recorder', signal.SIGTERM) == 0
-    assert not list(graph.folder.glob('recordings/*.active'))
-
-
 FORM = Path(__file__).resolve().parents[2] / 'bags' / 'paper.yaml'
 RIG = """
 /**/rig_simulator: {{ros__parameters: {{port: {port}}}}}

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ElementTree
-from pathlib import Path
 
 import matplotlib
 import pytest
 from matplotlib.figure import Figure
 
-from hunt_ros.errors import HuntError
 from hunt_ros.report.figures import style
 
 
@@ -72,9 +70,3 @@ def test_drawing_leaves_the_settings_of_the_process_alone() -> None:
     before = dict(matplotlib.rcParams)
     style.inline_svg(drawing(), 'fig06', 'a loop')
     assert dict(matplotlib.rcParams) == before
-
-
-def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
-    (tmp_path / 'file').write_text('in the way')
-    with pytest.raises(HuntError, match='file'):
-        style.save_figures({'fig06': drawing()}, tmp_path / 'file' / 'below')
