@@ -6,58 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import TwistStamped
+from processes import Wheelset
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from hunt_ros.bag import read_record
 from hunt_ros.detection import HuntingDetector
 from hunt_ros.detection.replay import detect, samples_apart
-from hunt_ros.nodes.support.conversions import joint_writer, to_ns, twist
-from hunt_ros.nodes.support.qos import latched, stream
+from hunt_ros.nodes.support.conversions import to_ns
+from hunt_ros.nodes.support.qos import latched
 from hunt_ros.recorded_run import recorded_run
 
 pytestmark = pytest.mark.slow
-
-BEHIND_NS = 600_000_000
-STEP_NS = 10_000_000
-
-
-class Host:
-    """Publishes a quiet or hunting wheelset, its stamps behind the clock of this machine."""
-
-    def __init__(self, graph) -> None:
-        self.amplitude_m = 2e-5
-        self.muted: set[str] = set()
-        self._rng = np.random.default_rng(0)
-        node = graph.node
-        self._joints = {
-            name: (
-                node.create_publisher(JointState, name, stream(1000)),
-                joint_writer([name], 'roller_rig'),
-            )
-            for name in ('lateral', 'yaw', 'roller')
-        }
-        self._speed = node.create_publisher(TwistStamped, 'speed', stream(1000))
-        self._now_ns = lambda: node.get_clock().now().nanoseconds
-        self._begin_ns = self._next_ns = self._now_ns() - BEHIND_NS
-        node.create_timer(0.01, self._publish)
-
-    def _publish(self) -> None:
-        while self._next_ns <= self._now_ns() - BEHIND_NS:
-            stamp_ns, self._next_ns = self._next_ns, self._next_ns + STEP_NS
-            time = (stamp_ns - self._begin_ns) * 1e-9
-            phase = 2.0 * np.pi * 2.8 * time
-            noise = self._rng.standard_normal(2)
-            values = {
-                'lateral': self.amplitude_m * np.cos(phase) + 5e-6 * noise[0],
-                'yaw': 4.7 * self.amplitude_m * np.cos(phase + 2.6) + 2e-5 * noise[1],
-                'roller': 48.0 * time,
-            }
-            for name, (publisher, written) in self._joints.items():
-                if name not in self.muted:
-                    publisher.publish(written(stamp_ns, float(values[name])))
-            self._speed.publish(twist(stamp_ns, 7.2, 'roller_rig'))
 
 
 def test_a_host_with_another_clock_is_followed_live_and_the_run_is_replayed(graph) -> None:
@@ -65,7 +25,7 @@ def test_a_host_with_another_clock_is_followed_live_and_the_run_is_replayed(grap
     statuses = graph.told('hunting/status')
     amplitudes = graph.collect(JointState, 'hunting/amplitude')
     closed = graph.collect(String, 'recording/closed', latched())
-    host = Host(graph)  # speaks before the detector listens
+    host = Wheelset(graph, 2e-5, behind_ns=600_000_000)  # speaks before the detector listens
     recordings = graph.folder / 'recordings'
     graph.start('bag_recorder', directory=recordings)
     graph.spin_until(lambda: graph.node.count_subscribers('/rig/lateral') == 1, 60.0)

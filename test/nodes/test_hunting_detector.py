@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import TwistStamped
 from made import PAPER
-from processes import joint
+from processes import Wheelset, joint
 from rcl_interfaces.msg import Log
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
@@ -21,38 +19,7 @@ from std_msgs.msg import String
 from hunt_ros.cli.main import main
 from hunt_ros.detection import Companions
 from hunt_ros.nodes.hunting_detector import HuntingDetectorNode
-from hunt_ros.nodes.support.conversions import twist
 from hunt_ros.nodes.support.qos import latched
-
-PERIOD_NS = 10_000_000
-
-
-class Wheelset:
-    """Publishes a steady motion and a speed up to the present, and reads the status."""
-
-    def __init__(self, graph) -> None:
-        self._graph = graph
-        self._lateral = graph.node.create_publisher(JointState, 'lateral', 1000)
-        self._speed = graph.node.create_publisher(TwistStamped, 'speed', 1000)
-        self._statuses = graph.told('hunting/status')
-        self.events = graph.told('hunting/events')
-        self._sent_ns = self._now()
-
-    def _now(self) -> int:
-        return self._graph.node.get_clock().now().nanoseconds
-
-    def status(self) -> dict[str, str]:
-        """Publish what is due; return the status, empty before there is one."""
-        while self._sent_ns < self._now():
-            self._sent_ns += PERIOD_NS
-            turn = 2.0 * math.pi * 2.84 * (self._sent_ns % 10**12) * 1e-9
-            self._lateral.publish(joint('lateral', self._sent_ns, 3e-4 * math.cos(turn)))
-            self._speed.publish(twist(self._sent_ns, 7.2))
-        return self._statuses.last
-
-    def forget(self) -> None:
-        self._statuses.clear()
-        self._sent_ns = self._now()
 
 
 def test_an_alarm_outlasts_pauses_and_settings_change_while_it_runs(
@@ -66,7 +33,8 @@ def test_an_alarm_outlasts_pauses_and_settings_change_while_it_runs(
         return update(companions, motion)
 
     monkeypatch.setattr(Companions, 'update', failing)
-    wheelset = Wheelset(graph)
+    Wheelset(graph, 3e-4)
+    statuses, events = graph.told('hunting/status'), graph.told('hunting/events')
     log: list[Log] = graph.collect(Log, '/rosout')
     verdicts = graph.told('hunting/criteria')
     health = graph.collect(DiagnosticArray, '/diagnostics')
@@ -74,15 +42,10 @@ def test_an_alarm_outlasts_pauses_and_settings_change_while_it_runs(
     node = resident(HuntingDetectorNode, channels='[lateral, speed]', **criterion)
     node.trigger_configure()
     node.trigger_activate()
-    graph.spin_until(lambda: wheelset.status().get('state') == 'limit_cycle')
-
-    def told() -> list[dict[str, str]]:
-        wheelset.status()
-        return [one for one in wheelset.events if one['event'] == 'limit_cycle']
-
-    graph.spin_until(told)
-    event = told()[0]
-    graph.spin_until(lambda: wheelset.status() and verdicts)
+    graph.spin_until(lambda: statuses.last.get('state') == 'limit_cycle')
+    graph.spin_until(lambda: 'limit_cycle' in events.events)
+    event = events[events.events.index('limit_cycle')]
+    graph.spin_until(lambda: verdicts)
     assert (verdicts[0]['name'], verdicts[0]['exceeded']) == ('cfr_213_333', 'True')
     assert 'stays as that of a limit cycle does' in event['cause']
     assert float(event['since_s']) > 0.0
@@ -93,21 +56,21 @@ def test_an_alarm_outlasts_pauses_and_settings_change_while_it_runs(
 
     (result,) = node.set_parameters([Parameter('critical_speed_mps', value=7.0)])
     assert result.successful
-    graph.spin_until(lambda: wheelset.status()['region'] == 'unstable')
-    assert wheelset.status()['alarm'] == 'True'
-    assert wheelset.status()['state'] == 'limit_cycle'
+    graph.spin_until(lambda: statuses.last['region'] == 'unstable')
+    assert statuses.last['alarm'] == 'True'
+    assert statuses.last['state'] == 'limit_cycle'
 
     node.trigger_deactivate()
     node.trigger_cleanup()
     node.trigger_configure()
-    wheelset.forget()
+    graph.spin(0.2)  # what was under way
+    statuses.clear()
     node.trigger_activate()
-    graph.spin_until(wheelset.status)
-    assert wheelset.status()['alarm'] == 'True'
-    assert wheelset.status()['state'] == 'limit_cycle'
+    graph.spin_until(lambda: statuses)
+    assert statuses.last['alarm'] == 'True'
+    assert statuses.last['state'] == 'limit_cycle'
 
     def monitored() -> dict[str, bytes]:
-        wheelset.status()
         return {each.name: each.level for message in health[-2:] for each in message.status}
 
     # What a monitor shows: the detector is well, and the rig is not.
@@ -115,20 +78,16 @@ def test_an_alarm_outlasts_pauses_and_settings_change_while_it_runs(
     graph.spin_until(lambda: monitored().items() >= levels.items())
     assert all(each.hardware_id for message in health for each in message.status)
     assert main(['call', 'acknowledge', 'Mia  Lopez']) == 0
-    graph.spin_until(lambda: wheelset.status()['level'] == 'ERROR')
-    status = wheelset.status()
+    graph.spin_until(lambda: statuses.last['level'] == 'ERROR')
+    status = statuses.last
     assert status['alarm'] == 'True', 'it still hunts'
     assert status['message'].startswith('limit cycle')
     assert status['alarm_count'] == '1'
     assert float(status['hunting_hours']) > 0.0
     assert float(status['highest_amplitude_m']) == pytest.approx(3e-4, rel=0.05)
 
-    def acknowledged() -> list[dict[str, str]]:
-        wheelset.status()
-        return [one for one in wheelset.events if one['event'] == 'acknowledged']
-
-    graph.spin_until(acknowledged)
-    assert acknowledged()[0]['cause'].startswith('by Mia Lopez')
+    graph.spin_until(lambda: 'acknowledged' in events.events)
+    assert events[events.events.index('acknowledged')]['cause'].startswith('by Mia Lopez')
     answer = graph.call('hunting/alarm_history')
     (alarm,) = json.loads(answer.message)['alarms']
     assert alarm['acknowledged_by'] == 'Mia Lopez'

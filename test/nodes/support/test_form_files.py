@@ -28,18 +28,13 @@ def kept(folder: Path, *speeds: float) -> FormFiles:
     return files
 
 
-def test_earlier_forms_stay_under_their_numbers_in_the_order_of_time(tmp_path) -> None:
+def test_going_back_walks_through_earlier_forms_in_their_order_and_deletes_nothing(
+    tmp_path,
+) -> None:
     files = kept(tmp_path / 'rig', 7.0, 7.5, 8.0)
+    names = [path.name for path in files.earlier()]
+    assert names == ['normal_form_001.yaml', 'normal_form_002.yaml']
     assert v_c(files.newest.read_text()) == 8.0
-    assert [v_c(path.read_text()) for path in files.earlier()] == [7.0, 7.5]
-    assert [path.name for path in files.earlier()] == [
-        'normal_form_001.yaml',
-        'normal_form_002.yaml',
-    ]
-
-
-def test_going_back_walks_through_all_of_them_and_deletes_nothing(tmp_path) -> None:
-    files = kept(tmp_path, 7.0, 7.5, 8.0)
     for speed in (7.5, 7.0):
         back = files.go_back()
         assert is_rolled_back(IdentifiedNormalForm.from_yaml(back))
@@ -47,17 +42,10 @@ def test_going_back_walks_through_all_of_them_and_deletes_nothing(tmp_path) -> N
         assert files.newest.read_text() == back
     with pytest.raises(HuntError, match='no earlier normal form'):
         files.go_back()
-    there = sorted(v_c(path.read_text()) for path in tmp_path.iterdir())
-    assert there == [7.0, 7.5, 8.0]
-
-
-def test_a_new_form_after_going_back_does_not_overwrite_one(tmp_path) -> None:
-    files = kept(tmp_path, 7.0, 7.5)
-    files.go_back()
     files.keep(text(8.5))
     assert v_c(files.newest.read_text()) == 8.5
-    assert [v_c(path.read_text()) for path in files.earlier()] == [7.0]
-    assert v_c((tmp_path / 'normal_form_reverted_001.yaml').read_text()) == 7.5
+    there = sorted(v_c(path.read_text()) for path in files.newest.parent.iterdir())
+    assert there == [7.0, 7.5, 8.0, 8.5], 'a new form does not overwrite one'
 
 
 def test_an_earlier_form_that_cannot_be_read_changes_nothing(tmp_path) -> None:
