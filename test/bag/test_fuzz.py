@@ -1,4 +1,4 @@
-"""Ten thousand damaged recordings: each ends in a result or a BagError, in bounded memory."""
+"""Thousands of damaged recordings: each ends in a result or a BagError, in bounded memory."""
 
 from __future__ import annotations
 
@@ -11,5 +11,5 @@ from made import python
 @pytest.mark.slow
 def test_every_damaged_recording_ends_in_a_result_or_a_bag_error() -> None:
     program = Path(__file__).with_name('fuzz_bags.py')
-    run = python(program, '--cases', '4000', '--seed', '1')
-    assert run.stdout.splitlines()[-1] == '4000 cases ended as they should, 0 did not'
+    run = python(program, '--cases', '2000', '--seed', '1')
+    assert run.stdout.splitlines()[-1] == '2000 cases ended as they should, 0 did not'

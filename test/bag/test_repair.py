@@ -36,7 +36,7 @@ def test_every_prefix_is_read_inspected_and_repaired(small: Path, tmp_path: Path
     data = (small / 'run_0.mcap').read_bytes()
     file = tmp_path / 'cut.mcap'
     best = 0
-    step = max(1, len(data) // 250)
+    step = max(1, len(data) // 120)
     for length in [*range(0, len(data), step), len(data) - 1]:
         file.write_bytes(data[:length])
         target = tmp_path / f'saved_{length}'

@@ -10,6 +10,7 @@ from runpy import run_path
 import pytest
 
 from hunt_ros.cli.main import main
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.profile import Profile
 
 MAKERS = run_path(str(Path(__file__).parents[1] / 'identification' / 'conftest.py'))
@@ -45,8 +46,8 @@ def test_a_parameter_file_gives_the_next_profile_and_its_reason(form, tmp_path, 
 
 def test_bad_input_is_one_line_and_exit_2(form, tmp_path, capsys):
     other = tmp_path / 'other.yaml'
-    known = MAKERS['identification_of_the_paper']()
-    shifted = replace(known.normal_form, form=replace(known.normal_form.form, D1=0.13))
+    known = IdentifiedNormalForm.from_yaml(form.read_text())
+    shifted = replace(known, form=replace(known.form, D1=0.13))
     other.write_text(shifted.to_yaml())
     alone = tmp_path / 'alone.yaml'
     alone.write_text(form.read_text())

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from told_made import FORM, STATUS
 
 pytest.importorskip('tornado', reason='the extra dashboard is not installed')
 
@@ -18,10 +19,6 @@ from hunt_ros.dashboard.access import Access, access
 from hunt_ros.dashboard.model import PageModel, PageSettings
 from hunt_ros.dashboard.recordings import Recordings
 from hunt_ros.dashboard.server import PageServer
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-
-FORM = IdentifiedNormalForm(PAPER_NORMAL_FORM, np.diag([1e-3, 0, 0, 0, 0, 0]))
 
 
 class Live:
@@ -33,11 +30,7 @@ class Live:
         self.reply = (True, '')
         self.holds = False  # the answers, for the test to give
         self.held: list[Future[tuple[bool, str]]] = []
-        self.status = {
-            'level': 'WARN', 'state': 'quiet', 'region': 'hysteresis', 'alarm': 'False',
-            'message': 'hysteresis region', 'speed_mps': '7.0', 'amplitude_m': '1e-04',
-            'amplitude_std_m': '1e-05', 'frequency_hz': '2.8', 'normal_form': FORM.words,
-        }  # fmt: skip
+        self.status = STATUS | {'speed_mps': '7.0', 'amplitude_m': '1e-04'}
         self.drive: dict[str, str] = {}
         self.speaks = True
         self.rules = rules

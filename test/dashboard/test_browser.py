@@ -8,6 +8,7 @@ import shutil
 import time
 
 import pytest
+from told_made import DRIVE, REPLAY
 
 from hunt_ros.dashboard import site
 from hunt_ros.dashboard.access import Access
@@ -17,11 +18,6 @@ from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 #: The point of the diagram: speed and amplitude.
 _POINT = '() => shown.point || []'
 SIZES = ((390, 844), (820, 1180), (844, 390), (1366, 650), (1920, 1080), (3840, 2160))
-DRIVE = {
-    'level': 'OK', 'target_mps': '7.0', 'profile': 'sweep', 'profile_state': 'idle',
-    'interlock': 'protect', 'interlock_state': 'armed', 'emergency_stop': 'false',
-    'interlock_cause': '',
-}  # fmt: skip
 _LONG = (
     'limit cycle for 12.3 s: full hunting of 0.709 mm at 7.24 m/s, it grew 16.2 times as likely as'
     ' not'
@@ -368,12 +364,6 @@ def test_day_and_night_differ_in_figures_and_words(page) -> None:
     assert len(colours) == 2
 
 
-REPLAY = {
-    'name': 'rig/live_replay', 'level': 'OK', 'bag': 'a run', 'position_s': '12.3',
-    'length_s': '254.0', 'rate': '1.0', 'playing': 'True', 'finished': 'False',
-}  # fmt: skip
-
-
 def test_a_replay_is_not_taken_for_the_rig(page, live) -> None:
     """At no width and in no state: neither its word nor its colour is that of a level."""
     live.status |= {'level': 'ERROR', 'state': 'limit_cycle', 'alarm': 'True'}
@@ -386,7 +376,7 @@ def test_a_replay_is_not_taken_for_the_rig(page, live) -> None:
     )
     assert violet != red
     assert page.inner_text('#chip') == '■ ERROR'
-    assert 'a run, 00:12 of 04:14' in page.inner_text('#replay')
+    assert 'day_3, 00:12 of 04:14' in page.inner_text('#replay')
     assert not page.is_visible('#controls'), 'nothing of a rig can be commanded'
     assert page.title().startswith('REPLAY')
     assert not page.evaluate("() => getComputedStyle(byId('shape')).animationName !== 'none'")

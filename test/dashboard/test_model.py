@@ -7,32 +7,13 @@ import math
 
 import numpy as np
 import pytest
+from told_made import FORM, REPLAY, STATUS
 
 from hunt_ros.dashboard.model import PageModel, PageSettings
 from hunt_ros.dashboard.view import View, changes
 from hunt_ros.dashboard.words import Words
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-
-FORM = IdentifiedNormalForm(PAPER_NORMAL_FORM, np.diag([1e-3, 0, 0, 0, 0, 0]))
-STATUS = {
-    'level': 'WARN',
-    'name': 'hunting',
-    'message': 'hysteresis region: a disturbance can start hunting',
-    'state': 'quiet',
-    'region': 'hysteresis',
-    'alarm': 'False',
-    'speed_mps': '7.2',
-    'amplitude_m': '2e-05',
-    'amplitude_std_m': '1e-06',
-    'growth_rate_per_s': 'nan',
-    'escape_probability': '0.0004',
-    'margin': 'inf',
-    'frequency_hz': '2.8',
-    'v_n_mps': '6.4',
-    'v_c_mps': '8.0',
-    'normal_form': FORM.words,
-}
 
 
 def shown(model: PageModel, now_s: float) -> dict:
@@ -115,12 +96,6 @@ def test_a_silence_breaks_trail_amplitude_and_envelope(model) -> None:
     assert [row[0] for row in streams['trail']['rows']].count(None) == 1
     broken = [row[0] for row in streams['amplitude']['rows'] if row[1] is None]
     assert broken == [pytest.approx(2.95)]
-
-
-REPLAY = {
-    'name': 'rig/live_replay', 'level': 'OK', 'bag': 'day_3', 'position_s': '12.34',
-    'length_s': '254.0', 'rate': '0.1', 'playing': 'True', 'finished': 'False',
-}  # fmt: skip
 
 
 def test_a_replay_is_one_until_nodes_of_a_rig_speak(model) -> None:

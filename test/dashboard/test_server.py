@@ -16,6 +16,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from http.cookiejar import CookieJar
 
 import pytest
+from told_made import ask
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.web import create_signed_value
 from tornado.websocket import websocket_connect
@@ -23,19 +24,6 @@ from tornado.websocket import websocket_connect
 from hunt_ros.dashboard import viewer_socket
 from hunt_ros.dashboard.access import Access
 from hunt_ros.dashboard.view import Section, View
-
-
-def ask(url: str, body: object = None, opener=None, **headers: str) -> tuple[int, str]:
-    """Return status and text of an answer; a body is sent as JSON."""
-    data = None if body is None else json.dumps(body).encode()
-    kind = {} if body is None else {'Content-Type': 'application/json'}
-    names = {name.replace('_', '-'): value for name, value in headers.items()}
-    request = urllib.request.Request(url, data, {**kind, **names})
-    try:
-        with (opener or urllib.request.build_opener()).open(request, timeout=20) as answer:
-            return answer.status, answer.read().decode()
-    except urllib.error.HTTPError as error:
-        return error.code, error.read().decode()
 
 
 def first_messages(url: str, count: int = 2, **headers: str) -> list[dict]:

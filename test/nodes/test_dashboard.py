@@ -7,7 +7,6 @@ import json
 import socket
 import threading
 import time
-import urllib.request
 
 import pytest
 
@@ -18,6 +17,7 @@ from processes import joint
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+from told_made import ask
 from tornado.websocket import websocket_connect
 
 from hunt_ros.cli.support.suite import free_port
@@ -48,12 +48,7 @@ class Viewer:
 
 
 def command(port: int, word: str, words: str = '') -> dict:
-    body = json.dumps({'word': word, 'words': words}).encode()
-    request = urllib.request.Request(
-        f'http://127.0.0.1:{port}/command', body, {'Content-Type': 'application/json'}
-    )
-    with urllib.request.urlopen(request, timeout=60) as answer:
-        return json.load(answer)
+    return json.loads(ask(f'http://127.0.0.1:{port}/command', {'word': word, 'words': words})[1])
 
 
 def test_the_page_shows_what_the_topics_say_and_calls_what_is_asked_for(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+import told_made
 from rich.cells import cell_len
 from rich.console import Console
 from rich.screen import Screen as WholeTerminal
@@ -10,35 +11,18 @@ from rich.screen import Screen as WholeTerminal
 from hunt_ros.cli.support.screen import Screen
 from hunt_ros.dashboard.told import Told
 
-STATUS = {
-    'level': 'WARN',
-    'message': 'hysteresis region: a disturbance can start hunting; low margin: 2.1',
-    'state': 'quiet',
-    'region': 'hysteresis',
-    'alarm': 'False',
-    'speed_mps': '7.2',
+STATUS = told_made.STATUS | {
     'amplitude_m': '2e-4',
     'amplitude_std_m': '1e-5',
-    'unstable_amplitude_m': '4.2e-4',
-    'stable_amplitude_m': '2.1e-3',
     'growth_rate_per_s': '-0.21',
     'growth_rate_std_per_s': '0.05',
-    'v_n_mps': '6.4',
-    'v_c_mps': '8.0',
-    'normal_form': 'v_c 8.000 m/s',
     'since_s': '95.0',
 }
-DRIVE = {
-    'speed_mps': '7.2',
-    'target_mps': '7.25',
-    'profile': 'sweep',
+DRIVE = told_made.DRIVE | {
     'profile_state': 'running',
     'profile_elapsed_s': '30.0',
     'profile_remaining_s': '90.0',
     'interlock': 'measure',
-    'interlock_state': 'armed',
-    'interlock_cause': '',
-    'emergency_stop': 'false',
 }
 KEYS = ('s: start-profile', 'space: stop-profile', 'e: emergency-stop', 'q: quit')
 LOG = [(f'event number {number} happened', '') for number in range(40)]
