@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import signal
 import socket
 import threading
 import time
+from collections.abc import Iterator
 
 import numpy as np
+import pytest
 from lifecycle_msgs.msg import Transition
 from sensor_msgs.msg import JointState
 
@@ -18,48 +21,47 @@ from hunt_ros.nodes.support.conversions import to_ns
 from hunt_ros.nodes.support.sensor import SensorNode
 
 
-def _serve_until_read(graph, server: SimulatorServer) -> None:
-    graph.spin_until(lambda: server.poll() is None and server.readers == 1)
+class Wire:
+    """A simulator's server, the lateral sensor that reads it, and what that publishes."""
+
+    def __init__(self, graph) -> None:
+        self.server = SimulatorServer('127.0.0.1', graph.port)
+        self.heard = graph.collect(JointState, 'lateral')
+        self.sensor = graph.start('lateral_sensor', port=graph.port)
+        graph.spin_until(lambda: self.server.poll() is None and self.server.readers == 1)
+        graph.spin_until(self._is_heard)
+
+    def _is_heard(self) -> bool:
+        """Send a sample now and then: what comes before the node is ready is thrown away."""
+        if not self.heard:
+            self.send(np.array([10]))
+        return bool(self.heard)
+
+    def send(self, stamps: np.ndarray) -> None:
+        self.server.send(Channel.LATERAL, stamps, 1e-9 * (stamps % 10**9))
+
+    def stamps(self, first: int = 0) -> list[int]:
+        """Return the stamps that were heard, from the first one on."""
+        stamps = (to_ns(message.header.stamp) for message in self.heard)
+        return [stamp for stamp in stamps if stamp >= first]
 
 
-def _send_until_heard(graph, server: SimulatorServer, channel: Channel, heard: list) -> None:
-    """Send a sample now and then: what comes before the node is ready is thrown away."""
-
-    def sent_and_heard() -> bool:
-        if not heard:
-            server.send(channel, np.array([10]), np.array([0.5]))
-        return bool(heard)
-
-    graph.spin_until(sent_and_heard)
+@pytest.fixture
+def wire(graph) -> Iterator[Wire]:
+    wire = Wire(graph)
+    yield wire
+    wire.server.close()
 
 
-def test_every_sample_is_published_with_the_stamp_of_the_driver(graph) -> None:
-    server = SimulatorServer('127.0.0.1', graph.port)
-    heard = graph.collect(JointState, 'lateral')
-    graph.start('lateral_sensor', port=graph.port)
-    _serve_until_read(graph, server)
-    _send_until_heard(graph, server, Channel.LATERAL, heard)
-    stamps = 1_700_000_000_000_000_000 + 2_000_000 * np.arange(500)
-    for k in range(0, 500, 10):
-        server.send(Channel.LATERAL, stamps[k : k + 10], 1e-6 * np.arange(k, k + 10.0))
-    graph.spin_until(lambda: _stamps(heard)[-1] == stamps[-1])
-    assert _stamps(heard, stamps[0]) == stamps.tolist()
-    values = [message.position[0] for message in heard[-500:]]
-    assert values == (1e-6 * np.arange(500.0)).tolist()
-    assert heard[0].name == ['lateral']
-    server.close()
-
-
-def _stamps(heard: list, first: int = 0) -> list[int]:
-    """Return the stamps from the first one on."""
-    stamps = (to_ns(message.header.stamp) for message in heard)
-    return [stamp for stamp in stamps if stamp >= first]
-
-
-def _send_block(server: SimulatorServer, first: int, count: int) -> list[int]:
-    stamps = np.arange(first, first + count)
-    server.send(Channel.LATERAL, stamps, 1e-6 * stamps)
-    return stamps.tolist()
+def test_every_sample_is_published_with_the_stamp_of_the_driver(graph, wire) -> None:
+    stamps = 1_700_000_000_000_000_000 + 1_000_000 * np.arange(500)
+    for block in np.split(stamps, 50):
+        wire.send(block)
+    graph.spin_until(lambda: wire.stamps()[-1] == stamps[-1])
+    assert wire.stamps(stamps[0]) == stamps.tolist()
+    values = [message.position[0] for message in wire.heard[-500:]]
+    assert values == (1e-9 * (stamps % 10**9)).tolist()
+    assert wire.heard[0].name == ['lateral']
 
 
 def test_what_is_measured_is_advertised_and_heard_from_configure_on(graph) -> None:
@@ -85,34 +87,28 @@ def test_what_is_measured_is_advertised_and_heard_from_configure_on(graph) -> No
     assert ends() == [1, 1, 1]
 
 
-def test_a_stopped_sensor_leaves_its_backlog_out_and_is_well_again_a_second_later(graph) -> None:
+def test_a_stopped_sensor_leaves_its_backlog_out_and_is_well_again_a_second_later(
+    graph, wire
+) -> None:
     health = graph.told()
-    heard = graph.collect(JointState, 'lateral')
-    server = SimulatorServer('127.0.0.1', graph.port)
-    process = graph.start('lateral_sensor', port=graph.port)
-    _serve_until_read(graph, server)
-    _send_until_heard(graph, server, Channel.LATERAL, heard)
-    process.send_signal(signal.SIGSTOP)
+    wire.sensor.send_signal(signal.SIGSTOP)
     graph.spin(1.0)
-    for k in range(40):
-        _send_block(server, 1000 + 100 * k, 100)
+    for first in range(1000, 5000, 100):
+        wire.send(np.arange(first, first + 100))
         graph.spin(0.02)
     graph.spin(0.5)
-    process.send_signal(signal.SIGCONT)
+    wire.sensor.send_signal(signal.SIGCONT)
     graph.spin_until(lambda: health.says('samples lost'))
-    count = 0
+    numbers = itertools.count(100_001)
     health.clear()
 
     def fresh() -> bool:
-        nonlocal count
-        count += 1
-        _send_block(server, 100_000 + count, 1)
+        wire.send(np.array([next(numbers)]))
         return any(one['level'] != 'STALE' and 'lost' not in one['message'] for one in health)
 
     graph.spin_until(fresh)
-    late = [stamp for stamp in _stamps(heard, 1000) if stamp < 100_000]
+    late = [stamp for stamp in wire.stamps(1000) if stamp < 100_000]
     assert not late, 'old samples come too late for everybody'
-    server.close()
 
 
 class _Device:

@@ -6,7 +6,6 @@ import re
 import signal
 import socket
 import subprocess
-import time
 from pathlib import Path
 
 import pytest
@@ -112,11 +111,10 @@ def _run(words: list[str], folder: Path, until: str, machine) -> str:
     screen = folder / 'screen'
     with screen.open('w') as out:
         run = subprocess.Popen([*HUNT, *words], stdout=out, stderr=out, cwd=folder)
-    deadline = machine.deadline(120.0)
     try:
-        while run.poll() is None and until not in screen.read_text():
-            assert not deadline.passed, screen.read_text()
-            time.sleep(0.2)
+        machine.until(
+            lambda: run.poll() is not None or until in screen.read_text(), 120.0, screen.read_text
+        )
         run.send_signal(signal.SIGINT)
         machine.wait_for(run, 60.0)
     finally:
