@@ -104,28 +104,24 @@ def test_words_and_point_change_in_one_drawing_however_slow_the_browser_is(page,
     assert [points for _, points, _ in noted] == [1, 1, 1, 1, 1, 0], 'none without a server'
 
 
-def test_a_silent_detector_greys_the_page_and_a_new_word_brings_it_back(page, live) -> None:
+def test_a_silent_rig_greys_the_page_is_not_told_as_if_it_spoke_and_comes_back(page, live) -> None:
+    live.drive = dict(DRIVE)
+    page.wait_for_function("() => byId('drive').textContent.includes('interlock protect: armed')")
     live.speaks = False
     word(page, 'STALE')
     link(page, 'silent')
     assert 'DETECTOR IS SILENT' in page.inner_text('#link')
     veil = "() => getComputedStyle(document.body, '::after').position"
     assert page.evaluate(veil) == 'fixed'
-    live.speaks = True
-    word(page, 'WARN')
-    assert not page.is_visible('#link')
-
-
-def test_a_silent_speed_node_is_not_told_as_if_it_spoke(page, live) -> None:
-    live.drive = dict(DRIVE)
-    page.wait_for_function("() => byId('drive').textContent.includes('interlock protect: armed')")
-    live.speaks = False
     page.wait_for_function("() => document.body.dataset.held === 'silent'")
     page.wait_for_function("() => byId('drive').textContent.includes('are not known')")
     assert 'armed' not in page.inner_text('#drive')
-    for word in ('start-profile', 'resume-profile'):
-        page.wait_for_selector(f'button[data-word="{word}"]:disabled', state='attached')
+    for name in ('start-profile', 'resume-profile'):
+        page.wait_for_selector(f'button[data-word="{name}"]:disabled', state='attached')
     assert page.is_enabled('button[data-word="stop-profile"]')
+    live.speaks = True
+    word(page, 'WARN')
+    assert not page.is_visible('#link')
 
 
 def test_a_page_without_its_server_shows_nothing_of_the_past_and_comes_back_by_itself(

@@ -37,15 +37,20 @@ def first_messages(url: str, count: int = 2, **headers: str) -> list[dict]:
     return asyncio.run(asyncio.wait_for(listen(), 20))
 
 
-def test_everything_the_page_loads_comes_from_this_server(live) -> None:
-    code, page = ask(live.url)
+@pytest.mark.parametrize(
+    'name',
+    ['', 'page.js', 'figures.js', 'page.css', 'colours.css', 'recordings', 'recordings.js'],
+)
+def test_everything_the_pages_load_comes_from_this_server(live, name) -> None:
+    code, text = ask(live.url + name)
     assert code == 200
-    assert 'http://' not in page
-    assert 'https://' not in page
-    for name in ('page.js', 'figures.js', 'page.css', 'colours.css', 'uPlot.iife.min.js'):
-        code, text = ask(live.url + name)
-        assert code == 200
-        assert len(text) > 100
+    assert len(text) > 100
+    assert '://' not in text.replace('http://www.w3.org/2000/svg', '')
+    assert name or 'href="recordings"' in text
+
+
+def test_what_lies_beside_its_files_is_not_served(live) -> None:
+    assert ask(live.url + 'uPlot.iife.min.js')[0] == 200
     assert ask(live.url + '../server.py')[0] == 404
 
 
