@@ -44,13 +44,13 @@ class Wheelset:
     Attributes
     ----------
     amplitude_m : float
-        Of a steady motion at the frequency of hunting, below some noise.
+        Of a steady motion at the frequency of hunting; `noise` 1: with that of usual sensors.
     muted : set of str
         Channels that say nothing.
     """
 
-    def __init__(self, graph, amplitude_m: float, behind_ns: int = 0) -> None:
-        self.amplitude_m = amplitude_m
+    def __init__(self, graph, amplitude_m: float, noise: float = 1.0, behind_ns: int = 0) -> None:
+        self.amplitude_m, self._noise = amplitude_m, noise
         self.muted: set[str] = set()
         self._rng = np.random.default_rng(0)
         node = graph.node
@@ -71,7 +71,7 @@ class Wheelset:
             stamp_ns, self._next_ns = self._next_ns, self._next_ns + 10_000_000
             time = (stamp_ns - self._begin_ns) * 1e-9
             phase = 2.0 * np.pi * 2.8 * time
-            noise = self._rng.standard_normal(2)
+            noise = self._noise * self._rng.standard_normal(2)
             values = {
                 'lateral': self.amplitude_m * np.cos(phase) + 5e-6 * noise[0],
                 'yaw': 4.7 * self.amplitude_m * np.cos(phase + 2.6) + 2e-5 * noise[1],

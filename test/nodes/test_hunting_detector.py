@@ -33,7 +33,7 @@ def test_an_alarm_outlasts_pauses_and_settings_change_while_it_runs(
         return update(companions, motion)
 
     monkeypatch.setattr(Companions, 'update', failing)
-    Wheelset(graph, 3e-4)
+    Wheelset(graph, 3e-4, noise=0.0)
     statuses, events = graph.told('hunting/status'), graph.told('hunting/events')
     log: list[Log] = graph.collect(Log, '/rosout')
     verdicts = graph.told('hunting/criteria')
