@@ -236,6 +236,14 @@ def test_hunting_whose_end_nobody_saw_is_not_over(blind) -> None:
     assert watched.interlock.goal_mps == pytest.approx(5.9)
 
 
+def test_a_lower_v_n_that_is_learnt_after_the_trip_lowers_where_the_roller_goes() -> None:
+    watched = Watched()
+    watched.run(4.0, speed=8.2, v_n=8.0)
+    for v_n, goal in ((8.0, 7.5), (6.4, 5.9), (8.0, 5.9)):
+        watched.run(0.1, level='STALE', speed=8.2, v_n=v_n)
+        assert watched.interlock.goal_mps == pytest.approx(goal)
+
+
 def test_the_clearance_of_the_flange_limits_the_displacement() -> None:
     watched = Watched('measure', flange_clearance_m=3e-3)
     watched.interlock.displacement_m = 5e-3
