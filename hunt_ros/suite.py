@@ -8,7 +8,9 @@ the package installed: `setup.py` makes the executables from it.
 
 from __future__ import annotations
 
+import hashlib
 import os
+import socket
 from collections.abc import Collection
 
 #: Nodes that only listen: started first, so that no sample is missed.
@@ -44,6 +46,28 @@ OPTIONAL = {PAGE: 'the rig is watched without the page'}
 #: A start takes no longer than this, s: who waits for a neighbour until then is only starting, and
 #: afterwards in trouble; without a word of the detector somebody is called.
 START_S = float(os.environ.get('HUNT_START_S', '30'))
+
+
+def hold(name: str, domain: int) -> socket.socket:
+    """
+    Hold the full name of a node in a ROS domain until the socket is closed.
+
+    The kernel gives an abstract socket to one process of a network namespace, which is what can
+    meet in a ROS domain, and takes it back however that process ends.
+
+    Raises
+    ------
+    OSError
+        If it is held already.
+    """
+    key = hashlib.sha256(f'{domain} {name}'.encode()).hexdigest()
+    held = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        held.bind(f'\0hunt_ros/{key}')
+    except OSError:
+        held.close()
+        raise
+    return held
 
 
 class Awaited(str):

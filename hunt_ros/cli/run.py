@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
+import sys
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from datetime import datetime
 from functools import partial
@@ -24,6 +27,7 @@ from hunt_ros.suite import (
     GUARDS,
     LISTENERS,
     SIMULATOR,
+    hold,
     sources_of,
 )
 
@@ -81,6 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
         *((SIMULATOR,) if arguments.simulated else ()),
         *(name for name in sources if name not in GUARDS),
     )
+    _refuse_second(namespace, names)
     state = state_file(folder, namespace)
     tested = state.with_suffix('.tested')
     parameters: dict[str, dict[str, object]] = {
@@ -121,6 +126,21 @@ def run(arguments: argparse.Namespace) -> int:
         finally:
             safe = _end(supervisor, console, view)
     return 0 if safe else 1
+
+
+def _refuse_second(namespace: str, names: Sequence[str]) -> None:
+    """Start nothing beside nodes of these names: the rig would take it for a second master."""
+    told = os.environ.get('ROS_DOMAIN_ID', '')
+    domain = int(told) if told.isdecimal() else 0
+    for name in names if sys.platform == 'linux' else ():
+        full = f'/{namespace.strip("/")}/{name}'
+        try:
+            hold(full, domain).close()
+        except OSError as error:
+            raise ConfigError(
+                f'{full} runs already on this machine in ROS domain {domain}:'
+                ' choose another --namespace or ROS_DOMAIN_ID'
+            ) from error
 
 
 def _tested(file: Path) -> str:

@@ -18,6 +18,7 @@ from std_msgs.msg import String
 
 from hunt_ros.bag import read_columns
 from hunt_ros.cli.main import main
+from hunt_ros.suite import hold
 
 #: Each of them is in every node of a lab that measures all day.
 _LIGHT = """
@@ -45,6 +46,15 @@ def test_a_run_with_the_form_of_another_rig_starts_nothing(tmp_path, capsys) -> 
     assert main(['run', *words, '--directory', str(tmp_path / 'recordings')]) == 2
     assert "A.yaml: identified on rig 'A', expected 'B'" in capsys.readouterr().err
     assert not (tmp_path / 'recordings').exists()
+
+
+def test_a_second_run_of_a_rig_starts_nothing_that_the_first_one_could_see(
+    tmp_path, domain, capsys
+) -> None:
+    with hold('/rig/roller_speed', domain):
+        assert main(['run', '--simulated', '--directory', str(tmp_path / 'recordings')]) == 2
+    assert '/rig/roller_speed runs already on this machine' in capsys.readouterr().err
+    assert not list((tmp_path / 'recordings').glob('*'))
 
 
 @pytest.mark.slow

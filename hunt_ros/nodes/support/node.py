@@ -9,9 +9,7 @@ of a service, which has its place behind them, is never answered. A polled subsc
 
 from __future__ import annotations
 
-import hashlib
 import os
-import socket
 import sys
 from collections.abc import Iterator
 from threading import Event
@@ -25,6 +23,7 @@ from rclpy.subscription import Subscription
 
 from hunt_ros.errors import ConfigError, one_line
 from hunt_ros.nodes.support.ending import CLOSING_S
+from hunt_ros.suite import hold
 
 _FIXED = 'use_sim_time: taken at the start only'
 
@@ -72,17 +71,13 @@ class SuiteNode(Node):
         """
         Hold the full name until the ROS context is shut down.
 
-        Two speed nodes would drive one roller. The kernel gives an abstract socket to one process
-        of a network namespace, which is what can meet in a ROS domain, and takes it back however
-        that process ends. Namesakes on other machines are seen by `diagnostics`.
+        Two speed nodes would drive one roller. Namesakes on other machines are seen by
+        `diagnostics`.
         """
         name, domain = self.get_fully_qualified_name(), self.context.get_domain_id()
-        key = hashlib.sha256(f'{domain} {name}'.encode()).hexdigest()
-        self._held = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         try:
-            self._held.bind(f'\0hunt_ros/{key}')
+            self._held = hold(name, domain)
         except OSError as error:
-            self._held.close()
             raise ConfigError(
                 f'{name} runs already on this machine in ROS domain {domain}:'
                 ' choose another namespace or ROS_DOMAIN_ID'
