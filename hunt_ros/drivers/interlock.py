@@ -228,9 +228,11 @@ class Interlock:
                 self._late_s = max(0.0, kept + behind_s)
         if self._heard_ns is None or heard.sequence != self.heard.sequence:
             self._moved_ns = now_ns
-        # At another speed the quiet motion has to be learnt anew: until then it is that of before.
-        if math.isnan(heard.quiet_m):
-            heard = replace(heard, quiet_m=self.heard.quiet_m)
+        # At another speed the quiet motion has to be learnt anew: until then it is that of before,
+        # and none that is learnt while it moves is larger.
+        before_m = self.heard.quiet_m
+        if math.isnan(heard.quiet_m) or (self.moving and heard.quiet_m > before_m):
+            heard = replace(heard, quiet_m=before_m)
         self.heard, self._heard_ns = heard, now_ns
         amplitude_m = heard.largest_m
         if not math.isnan(amplitude_m):

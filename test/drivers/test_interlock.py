@@ -197,13 +197,13 @@ def test_motion_that_a_blind_detector_still_sees_takes_the_roller_lower(seen) ->
     assert 'not died out' in watched.interlock.cause
 
 
-@pytest.mark.parametrize('quiet_m', [3e-5, math.nan])
+@pytest.mark.parametrize('quiet_m', [3e-5, math.nan, 7e-4])
 def test_a_limit_cycle_that_is_not_called_hunting_any_more_takes_the_roller_lower(quiet_m) -> None:
     """
     What does not fall a wrong form takes for dying (gauntlet 236).
 
     A detector whose sensor has just come back has not decided what it is (gauntlet 504), and
-    learns anew what is quiet.
+    learns anew what is quiet, perhaps on the hunting (gauntlet 651).
     """
     watched = Watched()
     told = {'level': 'WARN', 'v_n': 8.0, 'amplitude_m': 8e-4}
