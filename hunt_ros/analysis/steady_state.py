@@ -45,10 +45,10 @@ class SteadyState:
         Hunting cycles behind the number.
     maxima, maxima_std : float
         The paper's amplitude (mean of the maxima), m; NaN where not worked out.
-    noise : float
-        Amplitude that noise alone would show, m.
     line_power : float
         Sum of the squared amplitudes of the roller's lines beside it, m^2.
+    growth_rate : float
+        d ln A / dt along a ramp, which the amplitude follows late, 1/s; 0 on a plateau.
     kind : 'plateau' or 'ramp'
     source : str
     start_ns, end_ns : int
@@ -61,12 +61,12 @@ class SteadyState:
     cycles: int
     maxima: float = field(default=math.nan, metadata=key('maxima_m'))
     maxima_std: float = field(default=math.nan, metadata=key('maxima_std_m'))
-    noise: float = field(default=0.0, metadata=key(''))
     kind: Literal['plateau', 'ramp'] = 'plateau'
     source: str = ''
     start_ns: int = field(default=0, metadata=key(''))
     end_ns: int = field(default=0, metadata=key(''))
     line_power: float = field(default=0.0, metadata=key(''))
+    growth_rate: float = field(default=0.0, metadata=key(''))
 
 
 def mean_of_maxima(

@@ -193,8 +193,9 @@ def test_a_state_that_lingers_below_the_fold_is_no_lack_of_fit(fitted):
     speeds = np.linspace(1.05 * fold, 8.8, 12)
     amplitude = law.steady_amplitudes(speeds)[1]
     states = [SteadyState(v, a, 1e-6, 'down', 70) for v, a in zip(speeds, amplitude, strict=True)]
-    states.append(SteadyState(0.999 * fold, 0.8 * amplitude[0], 1e-6, 'down', 70))
-    assert lack_of_fit(law, states).p > 0.01
+    rate = float(law.growth_rate(0.999 * fold, 0.8 * amplitude[0]))
+    late = SteadyState(0.999 * fold, 0.8 * amplitude[0], 1e-6, 'down', 70, growth_rate=rate)
+    assert lack_of_fit(law, [*states, late]).p > 0.01
 
 
 def test_a_soft_onset_blurred_by_noise_is_no_lack_of_fit(make):

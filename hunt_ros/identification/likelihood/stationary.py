@@ -9,11 +9,12 @@ it weakly, it may be half as large again, and below a soft onset it is not zero.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.dynamics.growth_law import GrowthLaw
+from hunt_ros.dynamics.growth_law import TERMS, GrowthLaw
 
 Array = NDArray[np.float64]
 
@@ -56,7 +57,7 @@ def stationary_amplitude(
     Parameters
     ----------
     law : GrowthLaw
-        Growth of the amplitude.
+        Growth of the amplitude; one law, or one for each speed.
     noise : ndarray, shape (5,)
         As at the end of the fit's parameters.
     speed, line : ndarray, shape (n,)
@@ -72,22 +73,18 @@ def stationary_amplitude(
     Risken, H., The Fokker-Planck Equation (1989), Sect. 5.2: p ~ (A / Q) exp(2 int A g / Q dA),
     here within the basin of the state.
     """
-    unstable, stable = law.steady_amplitudes(speed, line)
     unit = law.scales.amplitude
+    laws = [replace(law, p=p) for p in np.broadcast_to(law.p, (speed.size, TERMS))]
     found = np.array(
-        [
-            _moments(law, noise, float(v), float(b), float(low) / unit, float(high) / unit)
-            for v, b, low, high in zip(speed, line, unstable, stable, strict=True)
-        ]
+        [_moments(*one, noise) for one in zip(laws, speed.tolist(), line.tolist(), strict=True)]
     ).reshape(-1, 2)
     return unit * found[:, 0], unit * found[:, 1]
 
 
-def _moments(
-    law: GrowthLaw, noise: Array, speed: float, line: float, unstable: float, stable: float
-) -> tuple[float, float]:
+def _moments(law: GrowthLaw, speed: float, line: float, noise: Array) -> tuple[float, float]:
     """Mean and standard deviation at one speed, in units of A_ref."""
     u, unit = float(law.detuning(speed)), law.scales.amplitude
+    unstable, stable = (float(one[0]) / unit for one in law.steady_amplitudes(speed, line))
 
     def growth(a: Array) -> Array:
         """Return the growth rate at an amplitude."""

@@ -234,6 +234,7 @@ class _Analysis:
         hz, power = float(np.mean(envelope.frequency[part])), _known(envelope.line_power[part])
         duration = float(envelope.time[end - 1] - envelope.time[start]) + envelope.step
         maxima = maxima_std = math.nan
+        rate = math.log(amplitude[-1] / amplitude[0]) / (duration - envelope.step)
         if kind == 'plateau':
             time, ends = self.channels.time, envelope.time[[start, end - 1]]
             inside = self.channels.lateral[(time >= ends[0]) & (time <= ends[1])]
@@ -247,12 +248,12 @@ class _Analysis:
             cycles=int(duration * hz),
             maxima=maxima,
             maxima_std=maxima_std,
-            noise=noise,
             kind=kind,
             source=envelope.source,
             start_ns=self.stamp(start),
             end_ns=self.stamp(end - 1),
             line_power=float(np.median(power)) if power.size else 0.0,
+            growth_rate=rate if kind == 'ramp' else 0.0,
         )
 
     def on_plateau(self, start: int, end: int) -> tuple[SteadyState | None, str]:

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from hunt_ros.analysis.steady_state import SteadyState
-from hunt_ros.dynamics.covariance_root import inverse_of
-from hunt_ros.dynamics.growth_law import TERMS, GrowthLaw
+from hunt_ros.dynamics.growth_law import GrowthLaw
 from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.likelihood.stationary import forcing, stationary_amplitude
 from hunt_ros.identification.record.segments import Run
+from hunt_ros.identification.uncertainty import law_covariance
 
 #: A discrepancy is a lack of fit if chance makes it in one case of a hundred, and it is
 #: more than this share of the amplitude.
@@ -70,9 +70,11 @@ def lack_of_fit(
     """
     Test the stable branch of a law against steady amplitudes.
 
-    The logarithmic residuals are regressed on a cubic in the speed. A law that fits
-    leaves nothing for it; the scatter of the states around the cubic is the
-    pure error.
+    A state that follows a ramp of the speed lags behind the branch, most where relaxation is
+    slow: near v_c of a soft onset, and near a fold. It stands where the growth rate of the law
+    is not zero but its own. The logarithmic residuals from there are regressed on a cubic in the
+    speed. A law that fits leaves nothing for it; the scatter of the states around the cubic is
+    the pure error.
 
     Parameters
     ----------
@@ -99,16 +101,12 @@ def lack_of_fit(
     if len(states) < 8 or np.ptp(speed) < 0.02 * float(np.mean(speed)):
         return LackOfFit()
     expected, error = _expected(law, states, noise)
-    with np.errstate(invalid='ignore'):
-        residual = np.log(amplitude / expected)
+    residual = np.log(amplitude / expected)
     residual = np.clip(np.where(np.isfinite(residual), residual, _ABSENT), -_ABSENT, _ABSENT)
-    told = np.isfinite(error)
     # Also just below the data: a line forced by the roller moves the fold a little.
-    lowest = float(speed[told].min(initial=math.inf))
-    fold = law.saddle_node((1.0 - 2.0 * _LINGERING) * lowest) if told.sum() >= 8 else None
-    if fold is not None:
-        # Near the fold relaxation is slow, so that the state lags behind the speed.
-        told &= np.abs(speed / fold - 1.0) > _LINGERING
+    fold = law.folds((1.0 - 2.0 * _LINGERING) * float(speed.min()))[0, 0]
+    # Near the fold relaxation is slow: a state that stands there may be on its way.
+    told = np.isfinite(error) & ~(np.abs(speed / fold - 1.0) <= _LINGERING)
     if told.sum() < 8:
         return LackOfFit()
     bent = _bent(law, states, covariance)
@@ -178,8 +176,7 @@ def _weights(pure: float, error: NDArray[np.float64]) -> NDArray[np.float64]:
     wandering = error**2
     mean = max(float(np.mean(wandering)), _FLOOR**2)
     variance = max(pure - mean, 0.0) + wandering * min(1.0, pure / mean)
-    weights: NDArray[np.float64] = np.sqrt(pure / np.maximum(variance, 1e-2 * pure))
-    return weights
+    return np.asarray(np.sqrt(pure / np.maximum(variance, 1e-2 * pure)))
 
 
 def _bent(
@@ -188,8 +185,6 @@ def _bent(
     """Change of ln A of the stable branch with each direction of the law that is open, (n, k)."""
     if covariance is None:
         return np.zeros((len(states), 1))
-    speed = np.array([state.speed for state in states])
-    line = np.array([state.line_power for state in states])
     open_to = np.diag(covariance) > 0.0
     size = np.where(open_to, np.sqrt(np.abs(np.diag(covariance))), 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
@@ -198,8 +193,7 @@ def _bent(
         step = size * vector * math.sqrt(max(float(value), 0.0))
         # A tenth of a deviation: the branch bends little, and is still there.
         above, below = (
-            replace(law, p=law.p + side * 0.1 * step).steady_amplitudes(speed, line)[1]
-            for side in (1.0, -1.0)
+            _along(replace(law, p=law.p + side * 0.1 * step), states)[1] for side in (1.0, -1.0)
         )
         changes.append(np.nan_to_num(np.log(above / below) / 0.2))
     return np.stack(changes, axis=1)
@@ -209,28 +203,38 @@ def _expected(
     law: GrowthLaw, states: Sequence[SteadyState], noise: NDArray[np.float64] | None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Amplitudes that the law expects, m, and by how much a plateau's mean may be off, of it."""
+    here, amplitude = _along(law, states)
+    if noise is None:
+        return amplitude, np.zeros(len(states))
     speed = np.array([state.speed for state in states])
     line = np.array([state.line_power for state in states])
-    if noise is None:
-        return law.steady_amplitudes(speed, line)[1], np.zeros(speed.size)
-    mean, std = stationary_amplitude(law, noise, speed, line)
+    mean, std = stationary_amplitude(here, noise, speed, line)
     seconds = np.array([max(state.end_ns - state.start_ns, 1) / 1e9 for state in states])
     u, w = law.detuning(speed), (mean / law.scales.amplitude) ** 2
     push = law.scales.amplitude**2 * forcing(noise, u, np.nan_to_num(w))
     # An amplitude held weakly wanders slowly: std^2 = Q / 2 rate, and few of its turns fit in.
-    share = np.minimum(1.0, 4.0 * std**2 / (push * seconds))
-    error = std / mean * np.sqrt(share)
-    blurred = std > _WANDERS * mean
+    share = 4.0 * std**2 / (push * seconds)
+    # What stands still is off by no more; of what moves, the mean forcing meanwhile is left.
+    still = [state.growth_rate == 0.0 for state in states]
+    error = std / mean * np.sqrt(np.where(still, np.minimum(share, 1.0), share))
+    blurred = np.maximum(std, error * mean) > _WANDERS * mean
     return mean, np.nan_to_num(np.where(blurred, np.inf, error), nan=0.0, posinf=np.inf)
+
+
+def _along(law: GrowthLaw, states: Sequence[SteadyState]) -> tuple[GrowthLaw, NDArray[np.float64]]:
+    """Law of each state in the frame that moves as it does, and its stable amplitude, m, (n,)."""
+    speed, line, rate = np.array(
+        [(state.speed, state.line_power, state.growth_rate) for state in states]
+    ).T
+    p = np.tile(law.p, (len(states), 1))
+    p[:, 0] -= rate
+    moving = replace(law, p=p)
+    return moving, moving.steady_amplitudes(speed[:, None], line[:, None])[1][:, 0]
 
 
 def misfit_of(fitted: FittedLaw, states: Sequence[SteadyState]) -> LackOfFit:
     """Test the stable branch of a fitted law against the steady amplitudes it was fitted to."""
-    information = fitted.fit.information
-    covariance = None
-    if np.isfinite(information).all():
-        covariance = inverse_of(information)[:TERMS, :TERMS]
-    return lack_of_fit(fitted.law, states, fitted.noise, covariance)
+    return lack_of_fit(fitted.law, states, fitted.noise, law_covariance(fitted.fit))
 
 
 def missed_transients(fitted: FittedLaw, runs: Sequence[Run]) -> tuple[int, int]:
@@ -255,25 +259,20 @@ def missed_transients(fitted: FittedLaw, runs: Sequence[Run]) -> tuple[int, int]
     forcing = math.sqrt(math.exp(theta[-3]) * _MEMORY_S + math.exp(theta[-2]))
     floor = 4.0 * law.scales.amplitude * forcing
     missed = count = 0
-    for run in runs:
-        envelope = run.envelope
-        for segment in run.segments:
-            if segment.kind != 'transient':
-                continue
-            stamp = envelope.start_ns + 1e9 * envelope.time
-            inside = (stamp >= segment.start_ns - 1e6) & (stamp <= segment.end_ns + 1e6)
-            amplitude, speed = envelope.amplitude[inside], envelope.speed[inside]
-            time = envelope.time[inside]
-            line = np.nan_to_num(envelope.line_power[inside])
-            large = np.isfinite(amplitude) & (amplitude > floor)
-            if large.sum() < 4:
-                continue
-            amplitude, speed, time = amplitude[large], speed[large], time[large]
-            rate = law.growth_rate(speed, amplitude, line[large])
-            said = float(np.sum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time)))
-            seen = math.log(float(amplitude[-1] / amplitude[0]))
-            count += 1
-            missed += abs(said - seen) > 0.35 * max(abs(said), abs(seen)) + 0.4
+    moved = [(run.envelope, s) for run in runs for s in run.segments if s.kind == 'transient']
+    for envelope, segment in moved:
+        stamp = envelope.start_ns + 1e9 * envelope.time
+        inside = (stamp >= segment.start_ns - 1e6) & (stamp <= segment.end_ns + 1e6)
+        large = inside & (envelope.amplitude > floor)
+        if large.sum() < 4:
+            continue
+        amplitude, time = envelope.amplitude[large], envelope.time[large]
+        line = np.nan_to_num(envelope.line_power[large])
+        rate = law.growth_rate(envelope.speed[large], amplitude, line)
+        said = float(np.sum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time)))
+        seen = math.log(float(amplitude[-1] / amplitude[0]))
+        count += 1
+        missed += abs(said - seen) > 0.35 * max(abs(said), abs(seen)) + 0.4
     return missed, count
 
 
