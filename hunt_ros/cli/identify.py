@@ -62,8 +62,8 @@ def describe(result: Identification) -> str:
         f'effective between {low:.3g} and {high:.3g} m/s: {", ".join(EFFECTIVE)}',
         f'units: d0 = {result.length_scale:.4g} m ({result.scales_from["length"]}),'
         f' 1/omega_psi = {result.time_scale:.4g} s ({result.scales_from["time"]})',
-        f'{result.criticality or "criticality not known"}; law: {result.fit.law};'
-        f' {result.fit.segments} of {len(result.segments)} segments used',
+        result.onset,
+        f'law: {result.fit.law}; {result.fit.segments} of {len(result.segments)} segments used',
         *(f'warning: {line}' for line in (*result.notices, *lines_of(asked))),
     ]
     return '\n'.join(lines)

@@ -345,7 +345,9 @@ class GrowthLaw:
         """
         many = GrowthLaw(np.atleast_2d(self.p), self.scales)
         v_c = many.critical_speeds
-        speeds = lowest + np.maximum(v_c - lowest, 0.0)[:, None] * np.linspace(0.0, 1.0, 121)[:-1]
+        # Closest next to v_c: a hysteresis may be narrow.
+        share = 1.0 - np.linspace(1.0, 0.0, 121)[:-1] ** 3
+        speeds = lowest + np.maximum(v_c - lowest, 0.0)[:, None] * share
         pair: NDArray[np.bool_] = ~np.isnan(np.add(*many.steady_amplitudes(speeds)))
         folds = (v_c > lowest) & pair[:, -1] & ~pair.all(axis=1)
         rows = np.arange(len(v_c))

@@ -193,23 +193,13 @@ def _templates(path: Path, scales: GrowthScales, v_c: float | None) -> list[NDAr
     rate = scales.frequency_hz * scales.time_scale
     big = rate / scales.ratio
     speed = v_c or float(scales.speed * (1.0 + np.quantile(path.u, 0.75)))
-
-    def form(part: float, D4: float, D15: float) -> NormalForm:
-        """Return a start: v_c as a part of the speed, and two coefficients."""
-        return NormalForm(
-            critical_speed=part * speed,
-            D1=rate,
-            D4=D4,
-            D7=0.0,
-            D10=0.0,
-            D15=D15,
-            length_scale=scales.length_scale,
-            time_scale=scales.time_scale,
-            frequency_hz=scales.frequency_hz,
-        )
-
+    units = scales.length_scale, scales.time_scale, scales.frequency_hz
     shapes = [(big, -big / scales.ratio), (-big, 0.0)]
-    forms = [form(part, *shape) for part in (0.9, 1.0, 1.1) for shape in shapes]
+    forms = [
+        NormalForm(part * speed, rate, D4, 0.0, 0.0, D15, *units)
+        for part in (0.9, 1.0, 1.1)
+        for D4, D15 in shapes
+    ]
     return [from_normal_form(one, scales) for one in forms]
 
 

@@ -393,5 +393,4 @@ def _line(envelope: Envelope) -> NDArray[np.float64]:
     if not known.any():
         return np.zeros(power.size)
     filled = np.interp(np.arange(power.size), np.flatnonzero(known), power[known])
-    smooth: NDArray[np.float64] = median_filter(filled, size=_LINE_SPAN, mode='nearest')
-    return smooth
+    return np.asarray(median_filter(filled, size=_LINE_SPAN, mode='nearest'))

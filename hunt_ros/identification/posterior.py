@@ -21,8 +21,8 @@ from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
 from hunt_ros.dynamics.growth_law import GrowthLaw, normal_form_of
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, NormalForm
-from hunt_ros.identification.uncertainty import summary
-from hunt_ros.samples import Uncertain, as_json
+from hunt_ros.identification.uncertainty import ENOUGH_DRAWS, EXISTS, summary
+from hunt_ros.samples import NORMAL_95, Uncertain, as_json
 
 Array = NDArray[np.float64]
 BranchName = Literal['stable', 'unstable']
@@ -147,6 +147,30 @@ class Posterior:
         k = QUANTITIES.index(name)
         return summary(self.chosen[k], self.table[:, k], extra_std)
 
+    @cached_property
+    def supercritical(self) -> float | None:
+        """Share of the draws with a v_c that are supercritical there; None of too few."""
+        there = np.isfinite(self.laws.critical_speeds)
+        return float(np.mean(self.laws.soft[there])) if there.sum() >= ENOUGH_DRAWS else None
+
+    def hysteresis_below(self, speed_std: float) -> float | None:
+        """
+        Return the width that hysteresis does not exceed, m/s; None where nothing bounds it.
+
+        It is that of 95 % of the draws, zero for a supercritical one. But an onset whose speed
+        is not known any better is not told from a hysteresis as wide as its interval.
+
+        Parameters
+        ----------
+        speed_std : float
+            Deviation of a speed by the resolution of its reading, m/s.
+        """
+        v_c = self.number('v_c', speed_std)
+        width = np.where(self.laws.soft, 0.0, self.table[:, 0] - self.table[:, 1])
+        # A subcritical draw without a fold within reach has a hysteresis without an end.
+        most = np.quantile(np.nan_to_num(width, nan=np.inf), EXISTS, method='higher')
+        return max(float(most), NORMAL_95 * v_c.std) if v_c and most < np.inf else None
+
     def correlations(self) -> Array:
         """Rank correlations of `QUANTITIES`, shape (8, 8); NaN for what too few draws have."""
         known = np.isfinite(self.table)
@@ -228,8 +252,7 @@ class Posterior:
         form = normal_form_of(self.law, *self.speeds)
         if form is None:
             return None
-        known = [form for form in self.forms if form is not None]
-        rows = np.array([IdentifiedNormalForm(form).vector for form in known])
+        rows = np.array([IdentifiedNormalForm(one).vector for one in self.forms if one])
         below, above = np.percentile(rows, [15.87, 84.13], axis=0)
         std = 0.5 * (above - below)
         matrix = rank_correlations(rows) * np.outer(std, std)
@@ -280,5 +303,4 @@ def rank_correlations(rows: Array) -> Array:
     """
     ranks = np.argsort(np.argsort(rows, axis=0), axis=0)
     scores = stats.norm.ppf((ranks + 0.5) / len(rows))
-    found: Array = scores.T @ scores / np.sum(scores[:, 0] ** 2)
-    return found
+    return np.asarray(scores.T @ scores / np.sum(scores[:, 0] ** 2))

@@ -42,7 +42,7 @@ GIVEN, PAPERS = 'given', 'rig of the paper'
 _KEYS = {'fold_amplitude': 'fold_amplitude_m', 'disturbance': 'disturbance_m'}
 
 #: Version of the file: another one is refused. A dataclass that moves needs a new one.
-_VERSION = 5
+_VERSION = 6
 #: What reading raises of a file that holds something else, or is spoilt.
 _SPOILT = (
     HuntError, ValueError, KeyError, TypeError, AttributeError, ImportError, EOFError,
@@ -144,6 +144,12 @@ class Identification:
         Draws of the law behind all intervals, also where no number is given.
     bracket : Bracket
         What was seen, and the bounds that it gives without a model.
+    supercritical_probability : float or None
+        Share of the laws that the data allow whose onset at v_c is supercritical; 0 where rest
+        and a limit cycle were seen at one speed.
+    hysteresis_below : float or None
+        Width that the hysteresis does not exceed, with 95 %, m/s; None on a subcritical rig,
+        whose width is `hysteresis_width`.
     """
 
     normal_form: IdentifiedNormalForm | None
@@ -171,11 +177,23 @@ class Identification:
     unknown: Mapping[str, str] = field(default_factory=dict)
     posterior: Posterior | None = field(default=None, repr=False)
     bracket: Bracket = field(default_factory=Bracket)
+    supercritical_probability: float | None = None
+    hysteresis_below: float | None = None
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a user should know, and of every null why it is not known."""
         return (*self.notices, *lines_of(self.unknown))
+
+    @property
+    def onset(self) -> str:
+        """The kind of bifurcation in words; where it is not subcritical, with how sure that is."""
+        told: list[str] = [self.criticality or 'criticality not known']
+        if self.criticality != 'subcritical' and self.supercritical_probability is not None:
+            told.append(f'{percent(self.supercritical_probability)} supercritical')
+        if self.hysteresis_below is not None:
+            told.append(f'no hysteresis wider than {self.hysteresis_below:.2g} m/s')
+        return ', '.join(told)
 
     def save(self, path: str | PathLike[str]) -> None:
         """
@@ -294,9 +312,9 @@ class Identification:
         """One line: what was found."""
         low, high = self.speeds
         return (
-            f'<Identification v_c {_shown(self.v_c)}, v_n {_shown(self.v_n)} m/s,'
-            f' {self.criticality or "criticality not known"},'
-            f' from {counted(len(self.envelopes), "recording")} at {low:.3g} to {high:.3g} m/s>'
+            f'<Identification v_c {self.v_c or "not known"}, v_n {self.v_n or "not known"} m/s,'
+            f' {self.onset}, from {counted(len(self.envelopes), "recording")}'
+            f' at {low:.3g} to {high:.3g} m/s>'
         )
 
     def _repr_html_(self) -> str:
@@ -306,7 +324,7 @@ class Identification:
             f'<tr><th>{words}</th><td>{escape(_cell(self.quantity(name)))}</td></tr>'
             for name, words in names.items()
         )
-        return f'<table><caption>{self.criticality or "not known"}</caption>{rows}</table>'
+        return f'<table><caption>{self.onset}</caption>{rows}</table>'
 
     def why(self, key: str) -> Unknown:
         """Return the reason for which the entry of the JSON at `key` is null."""
@@ -329,9 +347,10 @@ class Identification:
             With the keys of `hunt identify --json`.
         """
         width = known(self.observed.hysteresis_width)
-        own = ('criticality', 'scales_from', 'steady_states', 'four_point', 'fit', 'segments')
-        numbers = ('v_c', 'v_n', 'hysteresis_width', 'frequency_hz', 'fold_amplitude')
-        found = {name: as_json(getattr(self, name)) for name in (*numbers, 'disturbance', *own)}
+        own = ('scales_from', 'steady_states', 'four_point', 'fit', 'segments', 'fold_amplitude')
+        kind = ('criticality', 'supercritical_probability', 'hysteresis_below')
+        numbers = ('v_c', 'v_n', 'hysteresis_width', 'frequency_hz', 'disturbance')
+        found = {name: as_json(getattr(self, name)) for name in (*numbers, *kind, *own)}
         return {
             'bracket': self.bracket.to_json(),
             **{_KEYS.get(name, name): entry for name, entry in found.items()},
@@ -365,8 +384,9 @@ def _cell(number: Uncertain | Unknown) -> str:
     return f'{number} (95 %: {number.low:.5g} to {number.high:.5g})'
 
 
-def _shown(value: Uncertain | None) -> str:
-    return 'not known' if value is None else str(value)
+def percent(share: float) -> str:
+    """Return a share of the draws in the words in which what they are is said."""
+    return f'{100.0 * share:.0f} % of the laws that the data allow are'
 
 
 def lines_of(unknown: Mapping[str, str]) -> list[str]:

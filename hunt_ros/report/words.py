@@ -26,18 +26,14 @@ EQUATION = (
 
 def lead(one: Identification) -> str:
     """Return the result in a few sentences of HTML, with what is not known said as such."""
-    if one.criticality is None:
-        first = f'The kind of bifurcation is {shown(one.why("criticality"))}.'
-    else:
-        first = f'The Hopf bifurcation is <b>{one.criticality}</b>.'
-    sentences = [seen(one), first]
+    sentences = [seen(one), f'Hopf bifurcation: <b>{one.onset}</b>.']
     v_c, v_n, width = (_speed(one, key) for key in ('v_c', 'v_n', 'hysteresis_width'))
     if one.v_c is None:
         sentences.append(f'The linear critical speed {SYMBOLS["v_c"]} is {v_c}.')
     else:
         sentences.append(f'The quiet wheelset loses its stability at {SYMBOLS["v_c"]} = {v_c}.')
     if one.criticality == 'supercritical':
-        sentences.append('Its amplitude grows from zero there, without hysteresis.')
+        sentences.append('Its amplitude grows from zero there.')
     elif one.v_n is None:
         sentences.append(f'Down to which speed hunting persists is {v_n}.')
     else:

@@ -68,6 +68,14 @@ def test_many_laws_at_once_give_what_each_gives_alone():
             np.testing.assert_allclose(alone, together[k], rtol=1e-9)
 
 
+@pytest.mark.parametrize('D4', [10.0, 100.0, 1000.0])
+def test_the_fold_of_a_narrow_hysteresis_is_found(D4):
+    form = NormalForm(8.0, 0.12, D4, 0.0, 0.0, -2e7)
+    law = GrowthLaw(lawful(from_normal_form(form, SCALES)), SCALES)
+    width = 8.0 * D4**2 / (4.0 * 0.12 * 2e7)
+    assert law.critical_speed - law.saddle_node(5.0) == pytest.approx(width, rel=1e-3)
+
+
 def test_the_fold_is_that_of_the_normal_form():
     law = GrowthLaw(PAPER, SCALES)
     assert law.saddle_node(5.0) == pytest.approx(PAPER_NORMAL_FORM.saddle_node()[0], rel=1e-6)

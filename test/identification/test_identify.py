@@ -144,6 +144,7 @@ def test_the_json_has_the_public_keys_and_no_nan(from_staircase):
     document = json.loads(json.dumps(from_staircase.to_json(), allow_nan=False))
     assert {
         'v_c', 'v_n', 'hysteresis_width', 'coefficients', 'criticality', 'length_scale_m',
+        'supercritical_probability', 'hysteresis_below',
         'time_scale_s', 'coordinate', 'branches', 'steady_states', 'observed', 'disturbance_m',
         'four_point', 'fit', 'warnings',
     } <= set(document)  # fmt: skip

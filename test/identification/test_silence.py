@@ -293,7 +293,7 @@ SELF_EVIDENT = (
     'at some speeds the law has no such', 'some steady states are too short',
     'the mean of the maxima is taken', 'a growth rate is read where',
     'some of the free motion was small', 'on some day or on any',
-    'too few of the laws', 'kicks bound it on one side',
+    'too few of the laws', 'kicks bound it on one side', 'a hysteresis without end',
 )  # fmt: skip
 
 
@@ -319,6 +319,7 @@ CLAIMS = (
     (r'^v_c is not determined|^v_c would', lambda d: d['v_c'] is None),
     (r'D4 is not determined', lambda d: d['coefficients']['D4'] is None),
     (r'a supercritical rig has no fold', lambda d: d['criticality'] == 'supercritical'),
+    (r'the rig is subcritical: it has', lambda d: d['criticality'] == 'subcritical'),
     (r'^lack of fit|has not converged|contradict|another way|falls through zero again',
      lambda d: d['fit']['lack_of_fit']),
     (r'needs v_c and D1 of a normal form', lambda d: d['correlations'] is None),

@@ -163,5 +163,4 @@ def follow_lines(time: _F, values: _F, angle: _F, orders: _F) -> _F:
 
 
 def _smooth(values: _F, width: float) -> _F:
-    smooth: _F = gaussian_filter1d(values, width, mode='nearest')
-    return smooth
+    return np.asarray(gaussian_filter1d(values, width, mode='nearest'))

@@ -15,11 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from hunt_ros.analysis.steady_state import (
-    ObservedCriticalSpeeds,
-    SteadyState,
-    hunting_threshold,
-)
+from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds, SteadyState
 from hunt_ros.dynamics.growth_law import GrowthLaw
 from hunt_ros.dynamics.normal_form import COEFFICIENTS
 from hunt_ros.identification.bracket import Bracket, contradicts, refutations
@@ -28,10 +24,9 @@ from hunt_ros.identification.four_point import FourPoint, recipe
 from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.segments import Run, Segment
-from hunt_ros.identification.result import GIVEN, PAPERS, FitSummary, Identification
+from hunt_ros.identification.result import GIVEN, PAPERS, FitSummary, Identification, percent
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import (
-    ENOUGH_DRAWS,
     EXISTS,
     critical_speed_bound,
     draw_laws,
@@ -69,13 +64,12 @@ _SMALL = 0.3
 #: Cycles of free motion below which a record is too short for anything.
 _FEWEST_STEPS = 12
 
-_SUPERCRITICAL = 'a supercritical rig has no fold and no unstable branch'
-
 #: What must hold for what: conditions in the order in which they are asked.
 _LINEAR = ('speeds', 'believed', 'critical', 'small')
-_CUBIC = (*_LINEAR, 'time', 'cubic')
+_CUBIC = (*_LINEAR, 'time', 'passage', 'cubic')
 #: The fold is seen where hunting ends: it needs no small motion near v_c.
-_SHAPE = ('speeds', 'believed', 'time', 'cubic')
+_ONSET = ('speeds', 'believed', 'time', 'passage')
+_SHAPE = (*_ONSET, 'cubic')
 _FOLD = (*_SHAPE, 'subcritical', 'limited', 'agree', 'fits')
 _NEEDS: Mapping[str, tuple[str, ...]] = {
     'v_c': _LINEAR,
@@ -85,6 +79,8 @@ _NEEDS: Mapping[str, tuple[str, ...]] = {
         (*_CUBIC, 'agree', 'near'),
     ),
     'criticality': _SHAPE,
+    'supercritical_probability': ('critical', *_ONSET, 'small'),
+    'hysteresis_below': ('critical', *_ONSET, 'small', 'agree', 'fits'),
     'correlations': (*_CUBIC, 'limited', 'agree', 'near'),
     **dict.fromkeys(('v_n', 'fold_amplitude_m'), _FOLD),
     'disturbance_m': (*_FOLD, 'small'),
@@ -201,6 +197,10 @@ def conclude(
         bracket = replace(bracket, coexistence=None)
     elif bracket.coexistence is not None:
         criticality = 'subcritical'
+    likely = None if why['supercritical_probability'] else posterior.supercritical
+    if criticality == 'subcritical':
+        why['hysteresis_below'] = 'the rig is subcritical: it has a hysteresis'
+    below = None if why['hysteresis_below'] else posterior.hysteresis_below(speed_std)
     observed, no_hysteresis = resolved(evidence.observed, criticality)
     four = recipe(form, evidence.hunting, evidence.segments, warnings)
     result = Identification(
@@ -210,6 +210,8 @@ def conclude(
         hysteresis_width=given['hysteresis_width'],
         coefficients={name: given[f'coefficients.{name}'] for name in COEFFICIENTS},
         criticality=criticality,
+        supercritical_probability=0.0 if bracket.coexistence else likely,
+        hysteresis_below=below,
         length_scale=settings.length_unit,
         time_scale=settings.time_unit,
         scales_from={
@@ -335,7 +337,7 @@ def _unsupported(
     """
     law, (low, high), amplitude = best.law, evidence.speeds, evidence.along('amplitude')
     moved = any(part.kind == 'transient' for part in evidence.segments)
-    hunts = hunting_threshold(amplitude) is not None
+    hunts = evidence.observed.threshold is not None
     failed: dict[str, str] = {}
     speed = float(np.median(evidence.along('speed')))
     if not high - low > _ONE_SPEED * speed:
@@ -347,7 +349,7 @@ def _unsupported(
         failed['speeds'] = 'too short: fewer than a few dozen hunting cycles'
     if reason := _no_critical_speed(law, posterior):
         failed['critical'] = reason
-    elif not settings.prior_v_c and (reason := _no_small_motion(law, evidence)):
+    elif not settings.prior_v_c and (reason := _no_small_motion(law, evidence, hunts)):
         failed['small'] = reason
     D1 = posterior.number('D1')
     told = D1 is not None and D1.std < _VAGUE_D1 * abs(D1.value)
@@ -355,22 +357,18 @@ def _unsupported(
         failed['time'] = 'no free transient: D1 cannot be known; give it with --prior-D1'
     elif hunts and not moved:
         warnings.append('no free transient: the time scale rests on the prior or on quiet motion')
-    soft = posterior.laws.soft[np.isfinite(posterior.laws.critical_speeds)]
-    hard = 1.0 - float(np.mean(soft)) if soft.size else math.nan
+    soft = posterior.supercritical
     if not hunts:
-        failed['cubic'] = (
+        failed['passage'] = (
             'all amplitudes are of one kind: no passage between quiet and hunting, so that the'
             ' nonlinear coefficients cannot be known'
         )
-    elif soft.size < ENOUGH_DRAWS:
-        failed['cubic'] = 'hardly any of the laws that the data allow has a v_c, at which D4 is'
-    elif 1.0 - EXISTS < hard < EXISTS:
-        failed['cubic'] = (
-            f'{100.0 * hard:.0f} % of the laws that the data allow are subcritical: the sign'
-            ' of D4 is not determined'
-        )
+    elif soft is None:
+        failed['passage'] = 'hardly any of the laws that the data allow has a v_c, at which D4 is'
+    elif 1.0 - EXISTS < soft < EXISTS:
+        failed['cubic'] = f'{percent(1.0 - soft)} subcritical: the sign of D4 is not determined'
     if law.criticality == 'supercritical':
-        failed['subcritical'] = _SUPERCRITICAL
+        failed['subcritical'] = 'a supercritical rig has no fold and no unstable branch'
     elif not moved:
         failed['subcritical'] = 'no free transient: none passed by the unstable branch'
     size, sizes = _limit(law, high), np.array([_limit(x, high) for x in posterior.drawn])
@@ -422,10 +420,9 @@ def _no_critical_speed(law: GrowthLaw, posterior: Posterior) -> str:
     return ''
 
 
-def _no_small_motion(law: GrowthLaw, evidence: Evidence) -> str:
+def _no_small_motion(law: GrowthLaw, evidence: Evidence, hunts: bool) -> str:
     """Why v_c is not known: no motion so small that it shows linear growth was seen near it."""
     speed, amplitude = evidence.along('speed'), evidence.along('amplitude')
-    hunts = hunting_threshold(amplitude) is not None
     most = _SMALL * np.nanmax(amplitude) if hunts else np.inf
     small, v_c = speed[amplitude < most], law.critical_speed
     # Motion of one kind is a limit cycle everywhere, where rest would be unstable everywhere.
