@@ -70,6 +70,16 @@ def test_a_sweep_brackets_the_fold_and_shows_coexistence(records, make, seed):
     assert seen.coexistence is not None
 
 
+def test_a_speed_that_a_limit_cycle_passed_and_came_back_from_is_none_at_which_it_stayed(make):
+    times, speeds = [0, 20, 22, 24, 74, 76, 110], [8.2, 8.2, 6.2, 7.4, 7.4, 6.0, 6.0]
+    record = make(lambda t: np.interp(t, times, speeds), 110.0, 1, start=6e-4, forcing=2e-6)
+    seen = seen_in(record)
+    stayed = [event for event in seen.events if event.kind == 'stayed']
+    assert stayed
+    assert all(event.speed_low > V_N for event in stayed)
+    assert seen.v_n[1] > V_N
+
+
 @pytest.mark.parametrize('seed', range(4))
 def test_a_supercritical_rig_rests_and_cycles_at_no_speed(make, seed):
     steps = np.repeat([7.6, 7.8, 8.0, 8.2, 8.4, 8.6, 8.4, 8.2, 8.0, 7.8, 7.6], 40)

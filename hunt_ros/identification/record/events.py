@@ -188,7 +188,9 @@ class _Piece:
             size = float(np.median(there))
             stayed = self.event('stayed', stays[0][0], stays[-1][0], size, kick)
             whole = self.event('stayed', lowest, stays[-1][1], size)
-            found.append(replace(stayed, end_ns=whole.end_ns, spread=whole.spread))
+            # A speed that it passed and came back from, it did not stay at.
+            low = float(self.speed[lowest])
+            found.append(replace(stayed, end_ns=whole.end_ns, spread=whole.spread, speed_low=low))
             if died:
                 # What was a limit cycle, and died as the speed fell, left it where it ends.
                 found.append(self.event('died', fall, end, size))
