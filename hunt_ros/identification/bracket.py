@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from hunt_ros.analysis.steady_state import ABOVE_NOISE, hunting_threshold
+from hunt_ros.analysis.steady_state import ABOVE_NOISE, threshold_of_motion
 from hunt_ros.dynamics.growth_law import GrowthLaw
 from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.events import (
@@ -210,7 +210,7 @@ def bracket_of(envelopes: Sequence[Envelope], kicked: Sequence[Mask]) -> Bracket
         Empty where all amplitudes are of one kind: nothing tells rest from a limit cycle then.
     """
     amplitude = np.concatenate([one.amplitude for one in envelopes])
-    large = hunting_threshold(amplitude)
+    large = threshold_of_motion(amplitude)
     if large is None:
         return Bracket()
     rest = float(np.median(amplitude[np.isfinite(amplitude) & (amplitude <= large)]))

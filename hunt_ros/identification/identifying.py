@@ -13,7 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from hunt_ros.analysis.steady_state import hunting_threshold, observed_critical_speeds
+from hunt_ros.analysis.steady_state import (
+    ObservedCriticalSpeeds,
+    observed_critical_speeds,
+    threshold_of_motion,
+)
 from hunt_ros.dynamics.growth_law import GrowthScales
 from hunt_ros.dynamics.mode_shape import ModeShape, fitted_shape
 from hunt_ros.errors import IdentificationError
@@ -115,10 +119,11 @@ def identify(
         states = [state for run in runs for state in run.states]
         bracket = bracket_of([run.seen for run in runs], [run.kicked for run in runs])
         kicks = [*bracket.kicks, *(kick for run in runs for kick in run.kicks)]
-        observed = observed_critical_speeds(states, kicks)
-        if observed.threshold is None:
-            amplitude = np.concatenate([run.envelope.amplitude for run in runs])
-            observed = replace(observed, threshold=hunting_threshold(amplitude))
+        threshold = threshold_of_motion(np.concatenate([run.envelope.amplitude for run in runs]))
+        observed = ObservedCriticalSpeeds()
+        if threshold is not None:
+            observed = observed_critical_speeds(states, kicks)
+            observed = replace(observed, threshold=observed.threshold or threshold)
         path, scales = _path(runs, frequency, settings)
         laws = fit_laws(path, scales, settings, observed.v_c)
         tell(_FITTED)
@@ -320,7 +325,7 @@ def _runs(
     if runs and not clearance_m:
         amplitude = np.concatenate([run.envelope.amplitude for run in runs])
         states = [state for run in runs for state in run.states]
-        held, reason = held_amplitude(states, hunting_threshold(amplitude))
+        held, reason = held_amplitude(states, threshold_of_motion(amplitude))
         if held:
             warnings.append(reason)
             runs, said = all_runs(held, None)

@@ -55,6 +55,15 @@ def test_kicks_at_held_speeds_bracket_the_fold(make, seed):
         assert not below < unstable
 
 
+def test_motion_that_noise_alone_drives_is_no_limit_cycle(make):
+    """Below v_c all the time: amplitudes by Rayleigh's distribution, some of them small."""
+    seen = [
+        seen_in(make(lambda t: 4.5 + 2.7 * t / 240.0, 240.0, seed, forcing=4e-6))
+        for seed in range(10)
+    ]
+    assert sum(bool(one.events) for one in seen) <= 1
+
+
 @pytest.mark.parametrize('seed', range(3))
 def test_a_sweep_brackets_the_fold_and_shows_coexistence(records, make, seed):
     up_and_down = np.interp
