@@ -48,7 +48,7 @@ def test_the_range_of_the_device_counts_too() -> None:
         ('calibration: {offset: 1}', 'expected a gain'),
         ('calibration: {gain: 1, polarity: -1}', 'polarity: -1, expected 1'),
         ('calibration: {gain: 1, range: [3, 3]}', r'range: \(3, 3\)'),
-        ('calibration: {gain: 1, range: 3}', 'range: 3, expected a lower'),
+        ('calibration: {gain: 1, range: 3}', 'range: 3 is not a list'),
         ('calibration: {gain: 1, range: [a, b]}', 'range: .*, expected a lower'),
         ('calibration: {gain: 1, channel: yaw}', 'channel: yaw, expected lateral'),
         ('calibration: {gain: 1, channel: lateral, unit: mm}', 'unit: mm, expected m'),
