@@ -58,15 +58,15 @@ def hold(name: str, domain: int) -> socket.socket:
     Raises
     ------
     OSError
-        If it is held already.
+        If it is held already, saying so.
     """
     key = hashlib.sha256(f'{domain} {name}'.encode()).hexdigest()
     held = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:
         held.bind(f'\0hunt_ros/{key}')
-    except OSError:
+    except OSError as error:
         held.close()
-        raise
+        raise OSError(f'{name} runs already on this machine in ROS domain {domain}') from error
     return held
 
 

@@ -61,7 +61,8 @@ RUN_THE_CHAIN = textwrap.dedent(
     from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
     from hunt_ros.dynamics.parameters import paper_rig
     from hunt_ros.dynamics.profile import Hold, Profile
-    from hunt_ros.identification.likelihood.path_likelihood import Path, innovations
+    from hunt_ros.identification.likelihood.path import Path
+    from hunt_ros.identification.likelihood.path_likelihood import innovations
     from hunt_ros.dynamics.simulation import (
         Kick, Roughness, SensorModel, SimulationSettings, simulate,
     )

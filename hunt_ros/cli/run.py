@@ -133,14 +133,10 @@ def _refuse_second(namespace: str, names: Sequence[str]) -> None:
     told = os.environ.get('ROS_DOMAIN_ID', '')
     domain = int(told) if told.isdecimal() else 0
     for name in names if sys.platform == 'linux' else ():
-        full = f'/{namespace.strip("/")}/{name}'
         try:
-            hold(full, domain).close()
+            hold(f'/{namespace.strip("/")}/{name}', domain).close()
         except OSError as error:
-            raise ConfigError(
-                f'{full} runs already on this machine in ROS domain {domain}:'
-                ' choose another --namespace or ROS_DOMAIN_ID'
-            ) from error
+            raise ConfigError(f'{error}: choose another --namespace or ROS_DOMAIN_ID') from error
 
 
 def _tested(file: Path) -> str:

@@ -109,12 +109,6 @@ def terms_at(p: Array, u: float, w: float, line: float, value: Array, slope: Arr
         slope[10] += line * p[j] * x * by_both[k]
 
 
-def monomials(u: Array, w: Array) -> Array:
-    """Return the columns that multiply p in the paper's form, shape (n, 6)."""
-    pairs = zip(U_POWERS[:PAPER_TERMS], W_POWERS[:PAPER_TERMS], strict=True)
-    return np.stack([u**i * w**k for i, k in pairs], axis=-1)
-
-
 def lawful(paper: ArrayLike, felt: float = 1.0) -> Array:
     """Return coefficients, shape (11,), from those of the paper's form, shape (6,)."""
     p = np.zeros(TERMS)

@@ -28,7 +28,8 @@ from hunt_ros.dynamics.growth_law import (
     lawful,
 )
 from hunt_ros.dynamics.normal_form import NormalForm
-from hunt_ros.identification.likelihood.path_likelihood import NOISE_TERMS, Path
+from hunt_ros.identification.likelihood.path import Path
+from hunt_ros.identification.likelihood.path_likelihood import NOISE_TERMS
 from hunt_ros.identification.likelihood.trajectory_fit import (
     LawPrior,
     Prior,

@@ -25,7 +25,7 @@ from hunt_ros.estimation.record_lines import RecordLines
 from hunt_ros.identification.bracket import bracket_of
 from hunt_ros.identification.executors import Mapper, Tell, collected, mapper
 from hunt_ros.identification.fit import fit_laws
-from hunt_ros.identification.likelihood.path_likelihood import Path
+from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.preparation import (
     Recording,
     Source,

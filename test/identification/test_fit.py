@@ -11,7 +11,7 @@ from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.fit import DEPARTURES, _evidence, fit_laws, law_prior
 from hunt_ros.identification.identifying import _distinct, _path
-from hunt_ros.identification.likelihood.path_likelihood import Path
+from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.trajectory_fit import fit_path, learnt
 from hunt_ros.identification.preparation import Recording, Run, runs_in
 from hunt_ros.identification.uncertainty import (

@@ -7,7 +7,7 @@ import pytest
 from made import forced_mode
 
 from hunt_ros.dynamics.growth_law import lawful
-from hunt_ros.identification.likelihood.path_likelihood import Path
+from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.trajectory_fit import LawPrior, fit_path
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.record.envelope import (

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hunt_ros.compiled import B1, F1, compiled
 from hunt_ros.dynamics.covariance_root import inverse_of
 from hunt_ros.dynamics.growth_law import LINEAR, LINEAR_POWERS, TERMS
-from hunt_ros.identification.likelihood.path_likelihood import Path
+from hunt_ros.identification.likelihood.path import Path
 
 #: Share of A_ref up to which motion is quiet: the cubic term changes its growth by little.
 _QUIET = 0.2

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from hunt_ros.dynamics.covariance_root import inverse_of
 from hunt_ros.dynamics.growth_law import FELT, PAPER_TERMS, TERMS, reading
 from hunt_ros.identification.likelihood.damping_bias import damping_correction
+from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.path_likelihood import (
     ALL_TERMS,
     NOISE_TERMS,
-    Path,
     innovations,
     sensitivities,
 )

@@ -78,10 +78,7 @@ class SuiteNode(Node):
         try:
             self._held = hold(name, domain)
         except OSError as error:
-            raise ConfigError(
-                f'{name} runs already on this machine in ROS domain {domain}:'
-                ' choose another namespace or ROS_DOMAIN_ID'
-            ) from error
+            raise ConfigError(f'{error}: choose another namespace or ROS_DOMAIN_ID') from error
         self.context.on_shutdown(self._held.close)
 
     @property

@@ -5,7 +5,7 @@ import pytest
 from made import forced_mode
 
 from hunt_ros.dynamics.growth_law import lawful
-from hunt_ros.identification.likelihood.path_likelihood import Path
+from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.trajectory_fit import LawPrior, fit_path
 
 STEP, HOLD_S, DAMPING, FORCING = 0.5, 25.0, 0.35, 3e-3

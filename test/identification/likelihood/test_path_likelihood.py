@@ -9,7 +9,8 @@ from made import SCALES
 
 from hunt_ros.dynamics.growth_law import FELT, GrowthLaw, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.identification.likelihood.path_likelihood import Path, innovations, sensitivities
+from hunt_ros.identification.likelihood.path import Path
+from hunt_ros.identification.likelihood.path_likelihood import innovations, sensitivities
 
 LAW = made.LAW.p
 QUIET = np.array([0.0, 0.0, -30.0, -12.0, -20.0])

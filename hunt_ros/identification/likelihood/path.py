@@ -1,0 +1,93 @@
+"""The measured path: the envelope of all records in a row, in the variables of the fit."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """
+    The envelope of all records in a row, in the variables of the fit.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        s, rising within each run, evenly.
+    u : ndarray, shape (n,)
+        v / v_ref - 1.
+    phasor : ndarray of complex, shape (n,)
+        z / A_ref; NaN where nothing was measured.
+    restart : ndarray of bool, shape (n,)
+        True where a run begins.
+    blur : float
+        Variance of the window in which each phasor was measured, s^2.
+    reach : float
+        Mean distance of two instants of such a window, s.
+    overlap : float
+        Correlation of the noise of neighbouring windows, below 1/2.
+    line : ndarray, shape (n,), optional
+        Power (B / A_ref)^2 of the lines that the roller forces on y beside hunting.
+    recording : ndarray of int, shape (n,), optional
+        Recording each instant belongs to, 0-based and in a row; all to one where it is not given.
+        Of one recording whose speed is coarse: the hold.
+    hold_std : float
+        Standard deviation of the true speed of a hold about the coarse one, over v_ref; 0: fine.
+    """
+
+    time: NDArray[np.float64]
+    u: NDArray[np.float64]
+    phasor: NDArray[np.complex128]
+    restart: NDArray[np.bool_]
+    blur: float = 0.0
+    reach: float = 0.0
+    overlap: float = 0.0
+    line: NDArray[np.float64] | None = None
+    recording: NDArray[np.int64] | None = None
+    hold_std: float = 0.0
+
+    @cached_property
+    def recordings(self) -> list[Path]:
+        """The paths of the recordings, one by one."""
+        if self.recording is None or not self.recording.any():
+            return [self]
+        edges = np.searchsorted(self.recording, np.arange(int(self.recording.max()) + 2))
+        return [
+            Path(
+                self.time[a:b],
+                self.u[a:b],
+                self.phasor[a:b],
+                self.restart[a:b],
+                self.blur,
+                self.reach,
+                self.overlap,
+                None if self.line is None else self.line[a:b],
+            )
+            for a, b in itertools.pairwise(edges.tolist())
+        ]
+
+    @cached_property
+    def starts(self) -> NDArray[np.bool_]:
+        """
+        Instants at which a segment begins, shape (n,): the amplitude there is free.
+
+        Each run begins one, and each gap: what went on in a gap is not known (the speed may
+        have gone anywhere, random motion may have decided for another state), so that no law
+        is integrated over it.
+        """
+        known = np.isfinite(self.phasor)
+        before = np.concatenate([[False], known[:-1]])
+        starts: NDArray[np.bool_] = known & (self.restart | ~before)
+        return starts
+
+    def broken_at(self, jumps: NDArray[np.bool_]) -> Path:
+        """Return the path with new segments after `jumps`, whose windows are left out."""
+        hit = jumps.copy()
+        hit[:-1] |= jumps[1:]
+        hit[1:] |= jumps[:-1] & ~self.restart[1:]
+        return replace(self, phasor=np.where(hit, np.nan, self.phasor))
