@@ -191,7 +191,7 @@ def tune(
             mapped(partial(_spells, form), *zip(*pairs, strict=True)), len(pairs), tell
         )
     rows = [spells[k : k + len(records)] for k in range(0, len(spells), len(records))]
-    return truths, [_outcome(*one, truths, row) for one, row in zip(asked, rows, strict=True)]
+    return truths, [outcome_of(*one, truths, row) for one, row in zip(asked, rows, strict=True)]
 
 
 def _spells(form: IdentifiedNormalForm | None, config: DetectorConfig, record: Record) -> Spans:
@@ -208,7 +208,25 @@ def _spells(form: IdentifiedNormalForm | None, config: DetectorConfig, record: R
     return joined
 
 
-def _outcome(setting: str, value: float, truths: Sequence[Truth], row: Sequence[Spans]) -> Outcome:
+def outcome_of(
+    setting: str, value: float, truths: Sequence[Truth], row: Sequence[Spans]
+) -> Outcome:
+    """
+    Judge the alarms of each record by where they began.
+
+    Parameters
+    ----------
+    setting, value
+        What was changed.
+    truths : sequence of Truth
+        Of each record.
+    row : sequence of Spans
+        When an alarm was on in each record, s since its start.
+
+    Returns
+    -------
+    Outcome
+    """
     delays: list[float] = []
     false = missed = undecided = 0
     for truth, spells in zip(truths, row, strict=True):

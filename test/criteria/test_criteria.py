@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from hunt_ros.criteria import CRITERIA, CriteriaPanel, make_criterion
+from hunt_ros.criteria.acceleration import LateralAcceleration
 from hunt_ros.errors import ConfigError
 
 RATE = 500.0
@@ -75,17 +76,19 @@ def test_the_window_in_metres_takes_its_time_from_the_speed_and_without_one_is_u
 
 
 def test_the_trend_is_removed_inside_the_window():
-    # The sums of the ring against numpy, over more than one turn.
-    from hunt_ros.criteria.norms import _trend_free_rms
-
-    values = np.random.default_rng(3).normal(size=500).cumsum()
-    out = np.empty(values.size)
-    _trend_free_rms(values, np.zeros(100), np.zeros(2, dtype=np.int64), np.zeros(3), out)
-    assert np.isnan(out[98])
-    for k in (99, 100, 257, 499):
-        window = values[k - 99 : k + 1]
-        fit = np.polyval(np.polyfit(np.arange(100), window, 1), np.arange(100))
-        assert out[k] == pytest.approx(np.sqrt(np.mean((window - fit) ** 2)), rel=1e-9)
+    # The sums of the ring, which holds 2 s, against numpy, over more than one turn.
+    stamps, lateral = sine(0.5e-3, 3.0, 10.0)
+    lateral += 1e-5 * np.random.default_rng(3).normal(size=lateral.size).cumsum()
+    criterion = make_criterion('cfr_213_333', RATE)
+    index = criterion.update(stamps, lateral, SPEED)['index']
+    ((_, _, values, _),) = LateralAcceleration(RATE, *criterion.band).update(
+        stamps, lateral, SPEED
+    )
+    assert np.isnan(index[998])
+    for k in (999, 1000, 2570, 4990):
+        window = values[k - 999 : k + 1]
+        fit = np.polyval(np.polyfit(np.arange(1000), window, 1), np.arange(1000))
+        assert index[k] == pytest.approx(np.sqrt(np.mean((window - fit) ** 2)), rel=1e-9)
 
 
 @pytest.mark.parametrize(('length_s', 'exceeded'), [(0.12, False), (0.6, True)])

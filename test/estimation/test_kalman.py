@@ -220,11 +220,14 @@ def test_rate_of_the_amplitude_is_growth_times_amplitude(hunting_signal):
         (([1], [0], [1.0], [0.0], [1.0], [5, 5]), 'must increase'),
     ],
 )
-def test_a_block_that_makes_no_sense_is_refused_and_nothing_is_taken_in(block, message):
-    tracker = HuntingTracker()
+def test_a_block_that_makes_no_sense_is_refused_and_nothing_is_taken_in(
+    hunting_signal, block, message
+):
+    tracker, fresh = HuntingTracker(), HuntingTracker()
     with pytest.raises(HuntError, match=message):
         tracker.update(*block)
-    assert not tracker._tracker.started
+    (rows, _), (expected, _) = (hunting_signal(0, 2.0).track(one) for one in (tracker, fresh))
+    assert rows.tobytes() == expected.tobytes()
 
 
 @pytest.mark.parametrize('size', [1e-3, 1.0, 1e30])

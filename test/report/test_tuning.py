@@ -12,7 +12,7 @@ from hunt_ros.bag import read_record
 from hunt_ros.detection import DetectorConfig
 from hunt_ros.identification import identify
 from hunt_ros.identification.record.events import Event
-from hunt_ros.report.tuning import Outcome, Truth, _outcome, picture, tune, usual_grid
+from hunt_ros.report.tuning import Outcome, Truth, outcome_of, picture, tune, usual_grid
 from hunt_ros.samples import NANOSECONDS, Record, Series
 
 _BAGS = Path(__file__).parents[2] / 'bags'
@@ -56,7 +56,7 @@ def test_hunting_is_what_grew_stayed_and_died_with_the_speed_and_a_kick_is_harml
     ],
 )
 def test_an_alarm_is_judged_by_where_it_began(spells, false, delays, missed, undecided) -> None:
-    found = _outcome('margin', 1.0, [truth(*SEEN)], [spells])
+    found = outcome_of('margin', 1.0, [truth(*SEEN)], [spells])
     told = found.false_alarms, found.delays_s, found.missed, found.undecided
     assert told == (false, delays, missed, undecided)
     assert found.harmless_s == 47.0
