@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from hunt_ros.errors import HuntError
 from hunt_ros.estimation.kalman import HuntingTracker
+from hunt_ros.estimation.tracker_config import Shaft, TrackerConfig
 
 BOTH, LATERAL, YAW = (0, 1), (0,), (1,)
 
@@ -252,3 +253,85 @@ def test_speed_and_angle_that_are_no_numbers_do_no_harm(hunting_signal):
     assert error[400:795].max() < 0.06
     assert error[800:900].max() < 0.25  # the line is there, and no angle to know it by
     assert error[1100:].max() < 0.03
+
+
+# --- a second mode that is not the one guessed -----------------------------------------------
+
+#: Eigenvalues of a second mode that is guessed to have 3.3 Hz and a decay of 9.4 1/s.
+TRUE = [complex(-decay, 2.0 * np.pi * hz) for hz, decay in [(3.3, 5.0), (2.2, 9.4), (4.5, 12.0)]]
+KICK_S = 4.0
+
+
+def scores(hunting_signal, sensors, since):
+    """Error over std of the amplitude at times since a kick, over modes and seeds; clipped."""
+    found = []
+    for pole in TRUE:
+        for seed in range(8):
+            signal = hunting_signal(
+                seed,
+                5.5,
+                500.0,
+                amplitude=2e-5,
+                kick_at=KICK_S,
+                kick=2e-4,
+                second=2e-4,
+                second_pole=pole,
+                noise=5e-6,
+            )
+            rows, phasor = signal.track(HuntingTracker(), sensors)
+            at = np.round((KICK_S + np.array(since)) * 100).astype(int) - 1
+            error = rows['lateral_amplitude'][at] - np.abs(phasor[at])
+            found.append(np.clip(error / rows['lateral_amplitude_std'][at], -5.0, 5.0))
+    return np.sqrt(np.mean(np.square(found), axis=0))
+
+
+@pytest.mark.parametrize(('sensors', 'most'), [((0,), 3.0), ((0, 1), 2.0)], ids=['y', 'both'])
+def test_the_amplitude_after_a_kick_is_as_sure_as_it_says(hunting_signal, sensors, most):
+    """Of 40 seeds each it is 2.1 with one sensor, at 0.15 s, and 1.0 with both."""
+    since = (0.15, 0.2, 0.3, 0.4)
+    assert scores(hunting_signal, sensors, since).max() < most
+
+
+def test_the_doubt_dies_with_the_second_mode(hunting_signal):
+    signal = hunting_signal(0, 7.0, 500.0, amplitude=2e-4, kick_at=KICK_S, kick=1e-4, noise=5e-6)
+    rows, _ = signal.track(HuntingTracker())
+    std = rows['lateral_amplitude_std']
+    assert std[419] > 1.5 * std[389]
+    assert std[-1] < 1.2 * std[389]
+
+
+# --- known lines of any orders, and an angle that is known only by a speed ---------------------
+
+NOISE, LINE = 5e-6, 2e-4
+
+
+def _track(tracker, orders, scale=1.0, seconds=30.0, rate=200.0, hunting=0.0, seed=0):
+    """Run a tracker over lines of `orders` at 6.4 Hz, the angle told wrong by `scale`."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(round(seconds * rate)) / rate
+    angle = 40.0 * time
+    value = hunting * np.cos(2.0 * np.pi * 2.84 * time) + NOISE * rng.standard_normal(time.size)
+    for order in orders:
+        value += LINE * np.cos(order * angle + order)
+    stamps = 1 + np.round(time * 1e9).astype(np.int64)
+    sensor = np.zeros(time.size, dtype=np.int8)
+    output = np.arange(10_000_000, int(stamps[-1]), 10_000_000)
+    speed = np.full(time.size, 6.0)
+    return tracker.update(stamps, sensor, value, scale * angle, speed, output)
+
+
+@pytest.mark.parametrize('scale', [1.0, 1.005, 0.993])
+@pytest.mark.parametrize('hunting', [0.0, 3e-4])
+def test_the_phase_of_a_line_is_tracked_where_only_the_speed_is_known(scale, hunting) -> None:
+    tracker = HuntingTracker(TrackerConfig(shafts=(Shaft((1.0, 2.0), 0.01),)))
+    rows = _track(tracker, (1.0, 2.0), scale, hunting=hunting)[500:]
+    assert abs(rows['lateral_amplitude'] - hunting).max() < 4.0 * NOISE
+    np.testing.assert_allclose(rows['lateral_roughness'], LINE, rtol=0.1)
+
+
+def test_a_third_line_is_an_entry_of_the_list() -> None:
+    orders = (1.0, 1.7, 4.42)
+    known = HuntingTracker(TrackerConfig(shafts=(Shaft(orders),)))
+    assert _track(known, orders)['lateral_amplitude'][500:].max() < 4.0 * NOISE
+    partly = HuntingTracker(TrackerConfig(shafts=(Shaft(orders[:1]),)))
+    assert _track(partly, orders)['lateral_amplitude'][500:].max() > 8.0 * NOISE

@@ -16,13 +16,18 @@ from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds, SteadyState
 from hunt_ros.detection import Event
 from hunt_ros.detection.regions import Level
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.limit_cycle import limit_cycles
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
+from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.identification.posterior import BranchPoint
 from hunt_ros.report.choice import either_side, four_states
 from hunt_ros.report.figures.bifurcation import hysteresis_loop, identified_diagram
 from hunt_ros.report.figures.diagram import (
+    Curve,
     bands_of_branches,
     bands_of_draws,
+    bifurcation_diagram,
+    branch_curve,
     branch_points,
     draw_branches,
     form_curve,
@@ -95,6 +100,35 @@ def test_the_branches_of_a_supercritical_form_leave_zero_at_v_c() -> None:
     assert np.isnan(unstable).all()
     assert stable[speed == 8.0] == 0.0
     assert np.isnan(stable[speed < 8.0]).all()
+
+
+def test_lines_points_and_bands_are_all_there() -> None:
+    branch = limit_cycles(paper_rig())
+    paper = form_curve(PAPER_NORMAL_FORM, 6.0, 9.0, 'paper', colour='#111111')
+    v = np.linspace(7, 8, 5)
+    edges = {'stable': (v, 4e-4 + 0 * v, 6e-4 + 0 * v)}
+    banded = Curve('banded', v, 0 * v, 5e-4 + 0 * v, bands=edges, colour='#222222')
+    states = [SteadyState(v, 6.8e-4, 1e-5, 'up', 60) for v in (8.2, 8.4)]
+    figure = bifurcation_diagram(
+        [branch_curve(branch, 'full', colour='#000000'), paper, banded], 6.0, 9.0, {'': states}
+    )
+    axes = figure.axes[0]
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels == ['full', 'paper', 'banded', 'speed up']
+    stable = axes.get_lines()[0]
+    drawn = np.asarray(stable.get_ydata(), dtype=float)
+    assert np.nanmax(drawn) == pytest.approx(1e3 * branch.amplitude.max())
+    assert axes.get_xlim() == (6.0, 9.0)
+    assert len(axes.collections) >= 2  # the band and the error bars
+    dashes = [line.get_linestyle() for line in axes.get_lines()[:4]]
+    assert dashes == ['-', '--', '-', '--']
+
+
+def test_a_picture_of_nothing_has_an_axis() -> None:
+    nothing = np.full(3, np.nan)
+    empty = Curve('none', np.linspace(6, 9, 3), nothing, nothing)
+    figure = bifurcation_diagram([empty], 6.0, 9.0)
+    assert figure.axes[0].get_ylim()[1] == 1.0
 
 
 # --- bands ----------------------------------------------------------------------------
