@@ -305,7 +305,9 @@ def test_the_doubt_dies_with_the_second_mode(hunting_signal):
 NOISE, LINE = 5e-6, 2e-4
 
 
-def _track(tracker, orders, scale=1.0, seconds=30.0, rate=200.0, hunting=0.0, seed=0):
+def _track(
+    tracker, orders, scale=1.0, seconds=30.0, rate=200.0, hunting=0.0, seed=0, unknown_s=0.0
+):
     """Run a tracker over lines of `orders` at 6.4 Hz, the angle told wrong by `scale`."""
     rng = np.random.default_rng(seed)
     time = np.arange(round(seconds * rate)) / rate
@@ -317,7 +319,8 @@ def _track(tracker, orders, scale=1.0, seconds=30.0, rate=200.0, hunting=0.0, se
     sensor = np.zeros(time.size, dtype=np.int8)
     output = np.arange(10_000_000, int(stamps[-1]), 10_000_000)
     speed = np.full(time.size, 6.0)
-    return tracker.update(stamps, sensor, value, scale * angle, speed, output)
+    told = np.where(time < unknown_s, np.nan, scale * angle)
+    return tracker.update(stamps, sensor, value, told, speed, output)
 
 
 @pytest.mark.parametrize('scale', [1.0, 1.005, 0.993])
@@ -335,3 +338,12 @@ def test_a_third_line_is_an_entry_of_the_list() -> None:
     assert _track(known, orders)['lateral_amplitude'][500:].max() < 4.0 * NOISE
     partly = HuntingTracker(TrackerConfig(shafts=(Shaft(orders[:1]),)))
     assert _track(partly, orders)['lateral_amplitude'][500:].max() > 8.0 * NOISE
+
+
+@pytest.mark.parametrize('hunting', [0.0, 3e-4])
+def test_a_line_that_was_followed_before_its_angle_was_known_leaves_no_frequency(hunting) -> None:
+    for seed in range(4):
+        tracker = HuntingTracker(TrackerConfig(shafts=(Shaft((1.0, 2.0)),)))
+        rows = _track(tracker, (1.0, 2.0), hunting=hunting, seed=seed, unknown_s=4.0)[600:]
+        assert abs(rows['frequency_hz'] - 2.84).max() < 0.7
+        assert abs(rows['lateral_amplitude'] - hunting).max() < 4.0 * NOISE

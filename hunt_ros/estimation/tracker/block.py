@@ -84,7 +84,7 @@ from hunt_ros.estimation.tracker.ratio import (
     take_modes,
     tie_silent,
 )
-from hunt_ros.estimation.tracker.tuning import gather_start
+from hunt_ros.estimation.tracker.tuning import gather_start, stop_sensor
 from hunt_ros.records import dtype_of
 
 _F = NDArray[np.float64]
@@ -203,20 +203,18 @@ def close_bin(t: at.Tracker, modes: _F) -> None:
 @compiled_part
 def set_lines(t: at.Tracker, f: at.Filter, k: int) -> None:
     """Write into `row` what the means over the open bin of sensor k leave of motion and lines."""
-    x, P = f.x, f.P
     sensor, sums = f.sensors[k], t.inputs[k].bin
     count = sums.count
     late = sums.time / count
     spread = max(sums.time2 / count - late * late, 0.0)
-    f.row.averaged = 1.0 - 0.5 * x[at.OMEGA] * x[at.OMEGA] * spread
+    f.row.averaged = 1.0 - 0.5 * f.x[at.OMEGA] ** 2 * spread
     known = sums.angles == count
     sensor.angle_known = known
     turn_lines(f, sums.angle / count if known else math.nan)
+    first = line(f, k)
+    if known and sensor.alive and f.line_count > 0 and f.P[first, first] == 0.0:
+        stop_sensor(f, k)  # what was followed so far may have been a line
     for j in range(f.line_count):
-        i = line(f, k) + 2 * j
-        if known and sensor.alive and P[i, i] == 0.0:
-            P[i, i] = 4.0 * sensor.boot.square
-            P[i + 1, i + 1] = P[i, i]
         cosine = sums.turns[2 * j] / count if known else 0.0
         sine = sums.turns[2 * j + 1] / count if known else 0.0
         if f.lines[j].slip >= 0:
