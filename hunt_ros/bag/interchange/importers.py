@@ -184,9 +184,10 @@ def _time_source(table: Table, time: str | None) -> ChannelSource:
     dates = [name for name, column in table.items() if getattr(column, 'dtype', None) is not None
              and column.dtype.kind == 'M']  # fmt: skip
     if not usual and not dates:
+        unread = [str(column) for column in table.values() if isinstance(column, BagError)]
         raise BagError(
             f'no column of times ({", ".join(TIMES)}), expected one, or the'
-            ' sample rate (--rate), or --time COLUMN'
+            ' sample rate (--rate), or --time COLUMN' + ''.join(f'; {why}' for why in unread[:1])
         )
     if not usual:
         return ChannelSource('time', dates[0])

@@ -46,7 +46,10 @@ _STEP = re.compile(r'\.?([^.\[\]]+)|\[([^\[\]]*)\]')
 _LOOKED_AT = 200
 #: A date and time with its zone; a name with its unit behind: `lateral [mm]`, `speed (km/h)`.
 _ZONE = re.compile(r'^(.+:[\d.]+)\s*(?:Z|UTC|([+-])(\d\d):?(\d\d)?)$')
-_NAME_UNIT = re.compile(r'^(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))$')
+_NAME_UNIT = re.compile(r'^(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|,\s+(\S+))$')
+#: A date as Germany writes it; a time of day.
+_DAY_FIRST = re.compile(r'^(\d\d?)\.(\d\d?)\.(\d{4})[ T]+(\d\d:.*)$')
+_CLOCK = re.compile(r'^\d\d?:\d\d:\d\d(\.\d*)?$')
 
 
 def load_table(path: str | Path) -> Table:
@@ -198,28 +201,40 @@ def _read_csv(path: Path) -> Table:
     if not told:
         raise BagError('has no lines of numbers')
     delimiter = Counter(_delimiter(lines[i]) for i in told).most_common(1)[0][0]
-    widths = {i: len(_cells(lines[i], delimiter)) for i in told}
+    looked = {i: _cells(lines[i], delimiter) for i in told}
     # Lines in front that have another number of cells say something about the file.
-    usual = Counter(widths.values()).most_common(1)[0][0]
-    first = next(i for i in told if widths[i] == usual)
-    cells = _cells(lines[first], delimiter)
+    width = Counter(map(len, looked.values())).most_common(1)[0][0]
+    # Cells behind separators that end every line are none.
+    usual = max(max(_filled(row) for row in looked.values() if len(row) == width), 1)
+    rows = [i for i in told if len(looked[i]) >= usual >= _filled(looked[i]) > 0]
+    first = next(i for i in rows if _filled(looked[i]) == usual)
+    if all(map(_is_number, looked[first])):
+        first = next(i for i in rows if all(map(_is_number, looked[i])))
+    cells = looked[first][:usual]
     names, units = [f'c{number}' for number in range(len(cells))], [''] * len(cells)
-    above = _cells(lines[first - 1].lstrip('#% '), delimiter) if first else []
+    above = _cells(lines[first - 1].lstrip('#% '), delimiter)[:usual] if first else []
     if all(map(_is_number, cells)) and len(above) == usual and not any(map(_is_number, above)):
         first, cells = first - 1, above  # numpy writes the names as a comment
     if not all(map(_is_number, cells)):
         pairs = [_name_and_unit(cell.strip()) for cell in cells]
         names, units = [name for name, _ in pairs], [unit for _, unit in pairs]
-        for name in names:
-            if names.count(name) > 1:
-                raise BagError(f'the column {name!r} occurs twice, expected unique names')
         first += 1
         below = _cells(lines[first], delimiter) if first < len(lines) else []
         # A line of units under the names, in brackets or not.
         if below and not any(cell.strip() and _is_number(cell) for cell in below):
             units = [a or b.strip(' []()"') for a, b in zip(units, below, strict=False)]
             first += 1
-    table = Table(_columns(lines, first, delimiter, names))
+    end = (delimiter or '') * (width - usual)
+    table = Table(
+        _columns(
+            [line.rstrip().removesuffix(end) for line in lines] if end else lines,
+            first,
+            delimiter,
+            names,
+        )
+    )
+    for name in {name for name in names if names.count(name) > 1}:
+        table[name] = BagError(f'the column {name!r} occurs twice, expected unique names')
     table.units = {name: unit for name, unit in zip(names, units, strict=False) if unit}
     table.left_out = f'line {cut}, which does not end' if cut else ''
     return table
@@ -229,6 +244,8 @@ def _decoded(raw: bytes) -> str:
     """Return a text in one of the encodings that loggers write."""
     if raw[:2] in (b'\xff\xfe', b'\xfe\xff'):
         return raw.decode('utf-16')
+    if b'\0' in raw[:2]:  # UTF-16 that does not say so
+        return raw.decode('utf-16-be' if raw[:1] == b'\0' else 'utf-16-le')
     try:
         return raw.decode('utf-8-sig')
     except UnicodeDecodeError:
@@ -237,7 +254,7 @@ def _decoded(raw: bytes) -> str:
 
 def _name_and_unit(cell: str) -> tuple[str, str]:
     match = _NAME_UNIT.match(cell)
-    return (match[1], (match[2] or match[3] or '').strip()) if match else (cell, '')
+    return (match[1], (match[2] or match[3] or match[4] or '').strip()) if match else (cell, '')
 
 
 def _delimiter(line: str) -> str | None:
@@ -248,7 +265,14 @@ def _delimiter(line: str) -> str | None:
 
 
 def _cells(line: str, delimiter: str | None) -> list[str]:
-    return line.split() if delimiter is None else next(csv.reader([line], delimiter=delimiter))
+    if delimiter is None:
+        return line.split()
+    return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+
+
+def _filled(cells: list[str]) -> int:
+    """Return the number of cells up to the last one with something in it."""
+    return max((place for place, cell in enumerate(cells, start=1) if cell.strip()), default=0)
 
 
 def _is_number(cell: str) -> bool:
@@ -279,10 +303,10 @@ def _columns(
     columns: list[list[str]] = [[] for _ in names]
     for place, row in zip(places, rows, strict=True):
         cells = _cells(row, delimiter)
-        if len(cells) != len(names):
+        if not len(cells) >= len(names) >= _filled(cells):
             raise BagError(f'line {place + 1} has {len(cells)} cells, expected {len(names)}')
-        for column, cell in zip(columns, cells, strict=True):
-            column.append(cell.strip())
+        for column, cell in zip(columns, cells, strict=False):
+            column.append(cell.strip().replace(',', '.'))  # one in quotes is decimal
     parts = zip(names, columns, whole, strict=True)
     return {name: _column(column, one, places) for name, column, one in parts}
 
@@ -294,8 +318,16 @@ def _column(cells: list[str], whole: bool, places: list[int]) -> Any:
     Of a column with anything else in it, its error: nobody may want that column.
     """
     if cells and ':' in cells[0]:
-        with suppress(ValueError):
-            return np.array([_date(cell) for cell in cells])
+        try:
+            times: Any = np.array([_date(cell) for cell in cells])
+            # Times of day go on over midnight.
+            days = np.cumsum(np.diff(times, prepend=times[:1]) < np.timedelta64(-12, 'h'))
+            return times + days.astype('timedelta64[D]')
+        except ValueError:
+            return BagError(
+                f'line {places[0] + 1}: {cells[0][:40]!r} is no time that is told, expected'
+                ' 2024-03-04 13:59:55, 04.03.2024 13:59:55 or 13:59:55'
+            )
     values: Any = np.zeros(len(cells), 'i8' if whole else 'f8')
     for row, cell in enumerate(cells):
         try:
@@ -306,7 +338,11 @@ def _column(cells: list[str], whole: bool, places: list[int]) -> Any:
 
 
 def _date(text: str) -> np.datetime64:
-    """Read a date and time of ISO 8601, in UTC where it says its zone."""
+    """Read a date and time of ISO 8601 or day.month.year, or a time of day; UTC, or its zone."""
+    if match := _DAY_FIRST.match(text):
+        text = f'{match[3]}-{match[2]:0>2}-{match[1]:0>2}T{match[4]}'
+    elif _CLOCK.match(text):
+        text = f'1970-01-01T{text:0>8}'
     match = _ZONE.match(text)
     date = np.datetime64(match[1] if match else text, 'ns')
     if match is None or match[2] is None:

@@ -79,6 +79,14 @@ def test_matlab_structures_are_followed(tmp_path: Path) -> None:
         # A constant leaves the columns that are found by name.
         ('t,lateral,speed_setpoint\n0,0.01,9\n0.5,0.02,9\n', ['speed=5']),
         ('1,10\n2,20\n', ['lateral=c1*0.001']),  # without names its columns are counted
+        # Separators that end every line, and cells that a spreadsheet adds.
+        ('t,lateral\n0,0.01,\n0.5,0.02,\n', []),
+        ('t,lateral,\n0,0.01\n0.5,0.02\n', []),
+        ('rig 1;;;\nt;lateral;;\n0;0,01;;\n0,5;0,02;;\n', []),
+        ('"t" , "lateral" \n"0", "0,01"\n"0,5", "0,02"\n', []),
+        ('t;lateral;x;x\n0;0,01;1;2\n0,5;0,02;1;2\n', []),
+        ('Zeit;lateral\n04.03.2024 13:59:59,75;0,01\n04.03.2024 14:00:00,25;0,02\n', []),
+        ('time;lateral\n23:59:59.75;0.01\n00:00:00.25;0.02\n', []),
     ],
 )
 def test_csv_in_the_forms_loggers_write(tmp_path: Path, text: str, channels: list[str]) -> None:
@@ -156,6 +164,13 @@ def test_equal_stamps_get_rows_of_their_own() -> None:
         ('a.csv', 't,y\n0,1\n1\n', ['lateral=y'], 'line 3 has 1 cells, expected 2'),
         ('a.csv', 't,y,y\n0,1,2\n', ['lateral=y'], "'y' occurs twice"),
         ('a.csv', 't,y\n', ['lateral=y'], 'no numbers'),
+        (
+            'a.csv',
+            'd,y\n3/4/24 9:00,1\n3/4/24 9:01,1\n',
+            ['lateral=y'],
+            r"'3/4/24 9:00' is no time",
+        ),
+        ('a.csv', 't,y\n0,1\n1,2,3\n', ['lateral=y'], 'line 3 has 3 cells, expected 2'),
         ('a.csv', '', ['lateral=y'], 'no lines'),
         ('a.csv', 't,y\n0,1\n1,2\n', ['lateral=z'], "no 'z' for 'z', it has t, y"),
         ('a.csv', 't,y\n0,1\n1,2\n', [], 'no column named lateral'),
@@ -229,6 +244,7 @@ def test_a_pickle_is_never_opened(tmp_path: Path) -> None:
         't;lateral;speed\ns;mm;km/h\n0;1;36\n0,5;2;72\n',
         'Time [ms],Lateral [mm],Speed [km/h]\n0,1,36\n500,2,72\n',
         't (s),lateral (mm),speed (km/h)\n0,1,36\n0.5,2,72\n',
+        't, s;lateral, mm;speed, km/h\n0;1;36\n0,5;2;72\n',
         'Made by,a logger\nrate,2\n\nt,lateral,speed\ns,mm,km/h\n0,1,36\n0.5,2,72\n',
         'time_s,lateral_mm,speed_kmh\n(s),(mm),(km/h)\n0,1,36\n0.5,2,72\n',
         'time_ms,lateral_um,speed_kmh\n0,1000,36\n500,2000,72\n',
@@ -237,7 +253,7 @@ def test_a_pickle_is_never_opened(tmp_path: Path) -> None:
         '2026-11-23 12:00:00.75+02:00,2,72\n',
     ],
 )
-@pytest.mark.parametrize('encoding', ['utf-8', 'utf-16', 'latin-1'])
+@pytest.mark.parametrize('encoding', ['utf-8', 'utf-16', 'utf-16-le', 'utf-16-be', 'latin-1'])
 def test_a_unit_that_the_file_tells_is_the_unit(tmp_path: Path, text: str, encoding: str) -> None:
     (tmp_path / 'a.csv').write_text(text, encoding=encoding)
     record = load_record(tmp_path / 'a.csv')
