@@ -328,10 +328,14 @@ def told_by(settings: _Kind, node: str, texts: Iterable[tuple[str, str]]) -> _Ki
     ConfigError
         Naming the file, the section and the key, and what was expected.
     """
-    known = {item.name: item.default for item in fields(settings)}
+    known = {item.name: item for item in fields(settings)}
     for source, text in texts:
         found = parameters_of(node, text, source)
-        told = {name: yaml_value(known[name], found[name]) for name in found if name in known}
+        told = {
+            name: yaml_value(known[name].default, value, known[name].metadata.get('choices') or ())
+            for name, value in found.items()
+            if name in known
+        }
         try:
             settings = replace(settings, **told)
         except ConfigError as error:

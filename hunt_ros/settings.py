@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields
 from numbers import Real
 from typing import Any, Literal, TypeVar
@@ -136,7 +136,7 @@ def yaml_document(text: str, source: str) -> Any:
         raise ConfigError(f'{source}: not YAML ({" ".join(str(error).split())})') from error
 
 
-def yaml_value(default: Any, value: Any) -> Any:
+def yaml_value(default: Any, value: Any, choices: Collection[str] = ()) -> Any:
     """
     Make of a YAML value what a setting is: YAML takes some words for a bool, numbers for words.
 
@@ -146,9 +146,11 @@ def yaml_value(default: Any, value: Any) -> Any:
         Default of the setting.
     value : object
         As YAML 1.1 reads it.
+    choices : collection of str
+        Texts that the setting may be: `off` is meant where it is one of them.
     """
-    if isinstance(default, str) and isinstance(value, bool):
-        return 'on' if value else 'off'
+    if isinstance(value, bool) and (word := 'on' if value else 'off') in choices:
+        return word
     if isinstance(default, float) and isinstance(value, str):
         # YAML 1.1 takes 1e-5 for a word, ROS and people for a number.
         try:
@@ -197,7 +199,7 @@ _KINDS = {
     bool: 'true or false',
     int: 'a whole number',
     float: 'a number',
-    str: 'a text',
+    str: 'a text, expected "..." in quotes',
     tuple: 'a list, expected [..., ...]',
 }
 

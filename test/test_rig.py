@@ -109,6 +109,7 @@ def test_the_node_that_identifies_takes_all_of_the_rig_that_an_identification_ne
         ('prior_v_c: [eight, 0.2]', '/**', ['prior_v_c', 'eight', 'a number']),
         ('lines: 1.0', '/**', ['lines', '1.0', 'a list']),
         ('rig_name: a, rig_name: b', '/**', ['rig_name', 'twice']),
+        ('rig_name: yes', '/**', ['rig_name', 'True', 'a text', 'in quotes']),
         ('channels: lateral', '/**', ['channels', 'lateral', 'a list']),
         ('channels: [[lateral]]', '/**', ['channels', 'unknown']),
         ('safe_speed_mps: 9.0, speed_ceiling_mps: 8.0', '/**', ['safe_speed_mps', '9', '8']),

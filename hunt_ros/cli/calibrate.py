@@ -14,6 +14,7 @@ from hunt_ros.cli.support.output import tell
 from hunt_ros.drivers.calibration import Calibration, fit_line
 from hunt_ros.errors import ConfigError
 from hunt_ros.files import write_whole
+from hunt_ros.samples import Uncertain
 from hunt_ros.samples import known as finite
 from hunt_ros.sensors import MOTION, SENSORS
 
@@ -66,9 +67,11 @@ def run(arguments: argparse.Namespace) -> int:
         for point in points
     ]
     told += [
-        f'{name} {found.value / factor:.6g} +/- {found.std / factor:.2g} {unit}'
+        f'{name} {Uncertain(found.value / factor, found.std / factor).text(" +/- ")} {unit}'
         for name, found in (('gain', fit.gain), ('offset', fit.offset))
     ]
+    if not math.isfinite(fit.residual_std):
+        told.append('two points do not tell how sure gain and offset are: take a third')
     told += [*(f'warning: {warning}' for warning in warnings), f'written to {arguments.file}']
     document = details | lines | {'file': str(arguments.file), 'warnings': warnings}
     document |= {'gain': fit.gain.to_json(), 'offset': fit.offset.to_json()}

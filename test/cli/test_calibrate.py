@@ -34,6 +34,14 @@ def test_points_become_a_file_that_a_sensor_takes(folder, capsys) -> None:
     assert calibration.apply([5.0])[0] == pytest.approx(0.0, abs=2e-5)
 
 
+def test_two_points_give_no_deviation_that_is_none(folder, capsys) -> None:
+    assert main(['calibrate', 'lateral.yaml', '--unit', 'mm', '--points', '1=2,2=4']) == 0
+    told = capsys.readouterr().out
+    assert 'gain 2 mm' in told
+    assert 'take a third' in told
+    assert 'nan' not in told
+
+
 def test_points_that_bend_are_named(folder, capsys) -> None:
     points = ','.join(f'{x}={x + 0.05 * x * x}' for x in range(8))
     assert main(['calibrate', 'lateral.yaml', '--unit', 'mm', '--points', points]) == 1
