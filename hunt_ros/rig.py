@@ -173,6 +173,8 @@ class Rig(Settings):
         unknown = [name for name in self.channels if name not in CHANNELS]
         if unknown:
             raise ConfigError(f'channels: unknown {unknown[0]!r}, expected some of {CHANNELS}')
+        if len(set(self.channels)) < len(self.channels):
+            raise ConfigError(f'channels: one is there twice in {self.channels}')
         if not set(self.channels) & set(DISPLACEMENTS):
             raise ConfigError(f'channels: need {_EITHER}, got {self.channels}')
         self._check_optional()

@@ -104,6 +104,7 @@ def test_the_node_that_identifies_takes_all_of_the_rig_that_an_identification_ne
         ('roller_diameter_m: 300.0', '/**', ['roller_diameter_m', '300.0', '10 m']),
         ('roller_diameter_m: wide', '/**', ['roller_diameter_m', 'wide', 'a number']),
         ('channels: [lateral, jaw]', '/**', ['channels', 'jaw', 'yaw']),
+        ('channels: [lateral, speed, speed]', '/**', ['channels', 'twice']),
         ('prior_v_c: [8.0]', '/**', ['prior_v_c', 'standard deviation']),
         ('prior_v_c: [8.0, -0.2]', '/**', ['prior_v_c', 'standard deviation']),
         ('prior_v_c: [eight, 0.2]', '/**', ['prior_v_c', 'eight', 'a number']),

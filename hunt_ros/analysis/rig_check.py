@@ -41,6 +41,8 @@ _MISSING_SHARE = 1e-3
 #: This share of long steps, with more missing between than there are, is no loss: a buffer was
 #: read at once, and stamped by who read it.
 _BURSTS = 0.01
+#: A stamp so much before the one before is that of a clock that was set, s.
+_SET_S = 1.0
 #: Stamps this far from the arrival are another clock's, s.
 _OFFSET_S = 0.05
 #: The tracker follows a roller whose diameter is given with this error; the speed check allows
@@ -162,6 +164,8 @@ def _times(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
     backward = int(np.count_nonzero(steps <= 0.0))
     if backward or step <= 0.0:
         text = f'{backward} stamps are not after the one before'
+        if float(steps.min()) < -_SET_S:
+            text += f', the clock jumps back by {-float(steps.min()):.3f} s'
         advice = 'stamp each sample once, when it was taken, on a clock that is not set'
         yield Finding('gaps', channel, FAIL, text, f'{advice} while it runs', float(backward))
         return
@@ -277,8 +281,9 @@ def _resolution(channel: str, step: float, noise: float, unit: str, rig: Rig) ->
 def _roller(record: Record, rig: Rig) -> Iterator[Finding]:
     """Direction and wrap of the encoder, and the diameter of the roller against the speed."""
     speed, roller = record.get('speed'), record.get('roller')
-    if speed is not None and len(speed) >= _FEWEST:
-        mean = float(np.nanmean(speed.values))
+    speeds = np.zeros(0) if speed is None else speed.values[np.isfinite(speed.values)]
+    if speeds.size >= _FEWEST:
+        mean = float(np.mean(speeds))
         advice = 'the running speed is negative: change the sign of the channel (factor -1)'
         text = f'{mean:.3f} m/s on average'
         yield _judged('speed', 'speed', mean < -_TURNING_MPS, text, advice, mean, 'm/s')
@@ -301,7 +306,7 @@ def _roller(record: Record, rig: Rig) -> Iterator[Finding]:
     way = 'forwards' if rate > 0.0 else 'backwards'
     wraps = f', and wraps every turn ({int(leaps.sum())} times)' if leaps.any() else ''
     quick = float(np.quantile(np.abs(steps[~leaps]), 0.99)) if not leaps.all() else math.inf
-    running = 0.0 if speed is None else float(np.nanmean(np.abs(speed.values)))
+    running = float(np.mean(np.abs(speeds))) if speeds.size else 0.0
     if leaps.any():
         # What wraps between two readings looks slower than it is: the speed says how fast it is.
         diameter_m = rig.roller_diameter_m or _ROLLER_M
@@ -310,7 +315,7 @@ def _roller(record: Record, rig: Rig) -> Iterator[Finding]:
     advice = 'it turns by more than a quarter from reading to reading: read it more often'
     seldom = quick > 0.5 * _WRAP
     yield _judged('encoder', 'roller', seldom, text, advice, rate, 'rad/s')
-    if speed is not None and len(speed) >= _FEWEST and not seldom:
+    if speeds.size >= _FEWEST and not seldom:
         yield _diameter(running, abs(rate), rig)
 
 

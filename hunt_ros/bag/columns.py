@@ -6,20 +6,20 @@ Stamps and values of any numeric field as arrays, and the record of a rig.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from hunt_ros.bag.blocks import Topic
+from hunt_ros.bag.blocks import Places, Topic
 from hunt_ros.bag.cdr.gather import Gathered, Wanted, gather
-from hunt_ros.bag.cdr.layout import USUAL_FIELDS, PathError, joint_of, parse_path, stamp_path
+from hunt_ros.bag.cdr.layout import PathError, joint_of, parse_path, stamp_path, usual_field
 from hunt_ros.bag.cdr.message_types import definitions_of
 from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
 from hunt_ros.bag.reader import Bag, opened
 from hunt_ros.errors import BagError, MessageError
-from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series
+from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series, counted
 from hunt_ros.sensors import JOINT_STATE
 
 #: Which stamp a column has: that in the message's header (log time where it has none
@@ -30,10 +30,14 @@ Stamps = Literal['header', 'log']
 _FASTEST = 50.0
 #: How much later than it was stamped a message may be recorded, ns.
 _LATE_NS = 3600 * NANOSECONDS
+#: A log time so much before the one before is that of a clock that was set, ns.
+_SET_BACK_NS = NANOSECONDS // 10
 #: No recording lasts longer, s: 30 days.
 LONGEST_S = 30 * 86_400.0
 #: Spacing of the samples that stand for a constant channel, ns.
 CONSTANT_STEP_NS = NANOSECONDS // 100
+#: So many samples of one stamp are no mistake of a sender: nothing can be told of their motion.
+_FEWEST_TIMES = 10
 #: Messages that room is made for at first, and at most before they are seen.
 _FIRST, _MOST = 1 << 14, 1 << 26
 
@@ -57,9 +61,9 @@ def read_columns(
     Returns
     -------
     dict of str to Series
-        Values in SI by the sources' scales, in the order of log time (file after
-        file, as rosbags reads them). A constant is sampled at 100 Hz over the time of the
-        others.
+        Values in SI by the sources' scales, in the order of log time, file after file; where
+        the recorder's clock was set back, in the order in which they were written. A constant
+        is sampled at 100 Hz over the time of the others.
 
     Raises
     ------
@@ -94,10 +98,15 @@ class _Reader:
             source = self.sources[name]
             columns[name] = buffer.series(source.scale, source.offset)
             if buffer.others and not len(columns[name]):
-                wanted = (joint_of(source.field) or ('', name))[1]
-                raise MessageError(
-                    f'{self.bag.path}: topic {self.topics[name]}: there is no joint {wanted!r},'
-                    f' it has {", ".join(sorted(buffer.others))}'
+                field, wanted = joint_of(source.field) or ('position', name)
+                what = f'there is no joint {wanted!r}, it has {", ".join(sorted(buffer.others))}'
+                if buffer.empty:
+                    what = f'no message holds a {field} of joint {wanted!r}'
+                raise MessageError(f'{self.bag.path}: topic {self.topics[name]}: {what}')
+            if buffer.empty:
+                self.bag.remarks.append(
+                    f'topic {self.topics[name]}: {buffer.empty} messages hold no'
+                    f' {(joint_of(source.field) or ("position",))[0]}, and are passed over'
                 )
         return columns
 
@@ -111,8 +120,7 @@ class _Reader:
         }
         plans: dict[tuple[str, str, str, str], Wanted] = {}
         for described, block in self.bag.blocks(set(self.topics.values())):
-            for key, places in block.places.items():
-                topic = described[key]
+            for topic, places in _by_topic(described, block.places):
                 for name, wanted in self.topics.items():
                     if wanted != topic.name:
                         continue
@@ -135,7 +143,7 @@ class _Reader:
         """
         source = self.sources[name]
         definitions = definitions_of(topic, str(self.bag.path))
-        text = source.field or USUAL_FIELDS.get(topic.type, '')
+        text = source.field or usual_field(definitions, topic.type)
         stamp = stamp_path(definitions, topic.type)
         joint = joint_of(text) if source.field else ('position', source.channel)
         if joint is None or topic.type != JOINT_STATE:
@@ -145,6 +153,22 @@ class _Reader:
                 raise BagError(f'{self.bag.path}: topic {topic.name}: {error}') from error
         alone = alone and not source.field
         return Wanted(definitions, topic.type, parse_path(joint[0]), stamp, joint[1], alone)
+
+
+def _by_topic(
+    described: Mapping[int, Topic], found: Mapping[int, Places]
+) -> Iterator[tuple[Topic, Places]]:
+    """Yield topics and their messages as they were written: each publisher may have an id."""
+    several: dict[Topic, list[Places]] = {}
+    for key, places in found.items():
+        same = described[key]._replace(id=0, qos='', type_hash='')
+        several.setdefault(same, []).append(places)
+    for topic, parts in several.items():
+        joined = parts[0]
+        if len(parts) > 1:
+            order = np.argsort(np.concatenate([part.starts for part in parts]))
+            joined = Places(*(np.concatenate(one)[order] for one in zip(*parts, strict=True)))
+        yield topic, joined
 
 
 class _ColumnBuffer:
@@ -167,11 +191,13 @@ class _ColumnBuffer:
         self.in_order = True
         self.joints: set[str] = set()
         self.others: set[str] = set()
+        self.empty = 0
 
     def extend(self, found: Gathered, kind: Stamps) -> None:
         """Append what was found in a block."""
         self.joints |= found.joints
         self.others |= found.others
+        self.empty += found.empty
         log_ns, count = found.log_ns, found.values.size
         if not count:
             return
@@ -198,7 +224,11 @@ class _ColumnBuffer:
         """Return what was collected, scaled, in the order of log time."""
         stamps, values = self._stamps[: self._size], self._values[: self._size]
         if not self.in_order:
-            order = np.argsort(self._log[: self._size], kind='stable')
+            log_ns = self._log[: self._size]
+            back = np.diff(log_ns, prepend=log_ns[:1]) < -_SET_BACK_NS
+            # A clock is set once; a writer that shuffles goes back all the time.
+            clock = np.cumsum(back) if 100 * np.count_nonzero(back) < back.size else 0 * log_ns
+            order = np.lexsort((log_ns, clock))
             stamps, values = stamps[order], values[order]
         if scale != 1.0:
             values *= scale
@@ -274,6 +304,13 @@ def _check_span(bag: Bag, columns: Mapping[str, Series]) -> None:
     """Refuse stamps that are no times: the record would last for years, nearly all of it empty."""
     first, last = bag.span_ns or (0, 0)
     longest = _FASTEST * (last - first) + _LATE_NS
+    for name, one in columns.items():
+        times = np.unique(one.stamps_ns).size
+        if _FEWEST_TIMES * times < len(one):
+            raise MessageError(
+                f'{bag.path}: {name}: {len(one)} samples at {counted(times, "different time")}:'
+                ' its clock stands still'
+            )
     ends = _ends(columns)
     if not ends or max(ends)[0] - min(ends)[0] <= longest:
         return
@@ -343,8 +380,8 @@ def _named_channels(bag: Bag, wanted: Collection[str]) -> dict[str, ChannelSourc
 
 def _notes(bag: Bag) -> dict[str, str]:
     notes = dict(bag.notes)
-    if bag.problems:
-        notes['problems'] = '; '.join(bag.problems)
+    if told := [*bag.problems, *dict.fromkeys(bag.remarks)]:
+        notes['problems'] = '; '.join(told)
     return notes
 
 

@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.bag.blocks import Places
-from hunt_ros.bag.columns import read_record
+from hunt_ros.bag.channels import ChannelSource
+from hunt_ros.bag.columns import find_topic, read_record
 from hunt_ros.bag.plausible import wrong_unit
 from hunt_ros.bag.reader import Bag
 from hunt_ros.errors import BagError, MessageError
-from hunt_ros.samples import CHANNELS, NANOSECONDS
+from hunt_ros.samples import CHANNELS, NANOSECONDS, Record
 from hunt_ros.sensors import lacking
 
 #: A pause longer than so many sample intervals, and than `GAP_S`, is a gap.
@@ -114,6 +115,9 @@ def inspect(
             bag.notes,
             problems=[_opening(problem) for problem in bag.problems] + damage,
         )
+        record, found = _measured(bag)
+        # The channels of a rig are judged by the stamps that every command reads them by.
+        read = {find_topic(bag, ChannelSource(name, name)): name for name in record}
         for name, summary in sorted(bag.topics.items()):
             stamps = times.get(name, np.zeros(0, np.int64))
             topic = TopicReport(name, summary.type, int(stamps.size), None, None, None)
@@ -123,8 +127,12 @@ def inspect(
                 if last > first:
                     topic.rate_hz = (stamps.size - 1) / ((last - first) / NANOSECONDS)
                 topic.first_s, topic.last_s = ((at - start) / NANOSECONDS for at in (first, last))
-                report.problems += _in_time(name, stamps, start, end)
-        report.problems += _measurements(bag)
+                seen: list[Problem] = []
+                if name in read:
+                    by_header = record[read[name]].stamps_ns
+                    seen = _in_time(name, by_header, record.start_ns, record.end_ns)
+                report.problems += seen or _in_time(name, stamps, start, end)
+        report.problems += found
     names = {name.rpartition('/')[2] for name, stamps in times.items() if stamps.size}
     if names & set(CHANNELS):
         for either in lacking(names):
@@ -133,16 +141,17 @@ def inspect(
     return report
 
 
-def _measurements(bag: Bag) -> list[Problem]:
-    """Read the measurements as every other command would."""
+def _measured(bag: Bag) -> tuple[Record, list[Problem]]:
+    """Read the measurements as every other command would, and say what is wrong with them."""
     try:
         record = read_record(bag)
     except MessageError as error:
-        return [Problem('damaged_message', str(error))]
+        return Record({}), [Problem('damaged_message', str(error))]
     except BagError:
-        return []  # not those of a rig, or damaged, which is said already
+        return Record({}), []  # not those of a rig, or damaged, which is said already
     texts = (wrong_unit(channel, series) for channel, series in record.items())
-    return [Problem('wrong_unit', text) for text in texts if text]
+    found = [Problem('damaged_message', text) for text in dict.fromkeys(bag.remarks)]
+    return record, found + [Problem('wrong_unit', text) for text in texts if text]
 
 
 def _opening(problem: str) -> Problem:

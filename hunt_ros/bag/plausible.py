@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from hunt_ros.errors import BagError
-from hunt_ros.samples import Record, Series
+from hunt_ros.samples import NANOSECONDS, Record, Series
 from hunt_ros.sensors import SENSORS
 
+#: A motion is looked at so long, s, and over so many values at least.
+_WINDOW_S, _FEWEST = 1.0, 50
 #: Largest usual value of a channel, its unit, and a factor that makes SI of the unit it may have
 #: been recorded in.
 LARGEST: dict[str, tuple[float, str, str]] = {
@@ -20,7 +22,8 @@ def wrong_unit(channel: str, series: Series) -> str:
     """
     Say what is wrong with the size of a channel's values; '' where nothing is.
 
-    Half of the values must be too large: a few are error codes of a sensor.
+    Half of the values must be too large, of a motion half of those of `_WINDOW_S`: a few are
+    error codes of a sensor, and most of a recording may be quiet.
 
     Parameters
     ----------
@@ -29,13 +32,18 @@ def wrong_unit(channel: str, series: Series) -> str:
     series : Series
         In SI, as it is thought.
     """
-    values = series.values[np.isfinite(series.values)]
+    finite = np.isfinite(series.values)
+    values = series.values[finite]
     if channel not in LARGEST or not values.size:
         return ''
     most, unit, factor = LARGEST[channel]
-    # A sensor of motion may have any offset; a speed has none.
-    middle = 0.0 if channel == 'speed' else float(np.median(values))
-    usual = float(np.median(np.abs(values - middle)))
+    if channel == 'speed':
+        usual = float(np.median(np.abs(values)))
+    else:  # it may have any offset
+        span_s = float(np.ptp(series.stamps_ns[finite])) / NANOSECONDS
+        count = min(max(1, round(span_s / _WINDOW_S)), max(1, values.size // _FEWEST))
+        parts = np.array_split(values, count)
+        usual = max(float(np.median(np.abs(part - np.median(part)))) for part in parts)
     if usual <= most:
         return ''
     return (

@@ -68,6 +68,8 @@ class Bag:
         Rig, operator, remarks, as recorded.
     problems : list of str
         What is wrong with it as far as opening shows; empty for a sound recording.
+    remarks : list of str
+        What reading its channels has shown since.
 
     Raises
     ------
@@ -79,6 +81,7 @@ class Bag:
         self.path = _existing(Path(path))
         self.files: list[McapFile | SqliteFile] = []
         self.problems: list[str] = []
+        self.remarks: list[str] = []
         self.metadata: dict[str, Any] = {}
         self._stack = ExitStack()
         try:

@@ -19,7 +19,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from hunt_ros.bag import ChannelSource
-from hunt_ros.bag.cdr.layout import USUAL_FIELDS, joint_of, parse_path
+from hunt_ros.bag.cdr.layout import joint_of, parse_path, usual_field
+from hunt_ros.bag.cdr.message_types import standard_definitions
 from hunt_ros.drivers.base import SensorBlock, SensorDriver
 from hunt_ros.errors import BagError, ConfigError, DriverError, RefusedError
 from hunt_ros.nodes.support.conversions import message_class, to_ns
@@ -117,7 +118,7 @@ class Sensor(SensorDriver):
 
 def _reader(source: ChannelSource, kind_name: str) -> Callable[[Any], float]:
     """Return what takes the number out of a message; without a field, the usual one."""
-    text = source.field or USUAL_FIELDS.get(kind_name, '')
+    text = source.field or usual_field(standard_definitions(), kind_name)
     if not text:
         raise RefusedError(
             f'topic {source.source}: {kind_name} has no usual field, expected /topic.field'

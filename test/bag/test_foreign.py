@@ -300,10 +300,21 @@ def test_messages_of_velocities_alone_are_passed_over_and_told(tmp_path, field) 
         both = [part for pair in zip(joint_states(60), speeds, strict=True) for part in pair]
         peer.add(peer.channel('/mixed'), both)
         peer.add(peer.channel('/speeds'), speeds)
-    found = read_columns(tmp_path / 'a.mcap', {'lateral': f'/mixed{field}'})['lateral']
-    np.testing.assert_array_equal(found.values, np.arange(60.0))
-    with pytest.raises(BagError, match=r"no joint 'lateral', it has lateral \(no position\)"):
+    told = read_record(tmp_path / 'a.mcap', {'lateral': f'/mixed{field}'})
+    np.testing.assert_array_equal(told['lateral'].values, np.arange(60.0))
+    assert 'topic /mixed: 60 messages hold no position' in told.notes['problems']
+    with pytest.raises(BagError, match="/speeds: no message holds a position of joint 'lateral'"):
         read_columns(tmp_path / 'a.mcap', {'lateral': f'/speeds{field}'})
+
+
+def test_messages_without_the_position_of_a_channel_are_no_sound_recording(tmp_path) -> None:
+    empty = STORE.deserialize_cdr(joint_states(1)[0], JOINT_STATE)
+    empty.position = np.zeros(0)
+    messages = joint_states(60)
+    messages[7] = messages[9] = bytes(STORE.serialize_cdr(empty, JOINT_STATE))
+    file = recorded(tmp_path / 'a.mcap', messages, speed=True)
+    (told,) = problems(file)
+    assert told.startswith('damaged_message: topic /rig/lateral: 2 messages hold no position')
 
 
 @pytest.mark.parametrize('options', [{}, {'use_chunking': False}], ids=['chunks', 'none'])
@@ -366,6 +377,58 @@ def test_a_record_far_longer_than_it_was_recorded_is_refused(tmp_path) -> None:
         with pytest.raises(BagError, match='lateral: a stamp of 7'):
             read_record(tmp_path / 'a.mcap', channels)
     assert any('lateral: a stamp of 7' in text for text in problems(tmp_path / 'a.mcap'))
+
+
+@pytest.mark.parametrize('steps', ['log', 'header', 'both'])
+def test_a_clock_that_is_set_back_changes_no_order_and_is_told(tmp_path, steps, capsys) -> None:
+    """What was measured first stays first, whatever clock was set by an hour."""
+    set_back = BEGIN_NS + np.arange(400) * 10_000_000
+    set_back[200:] -= 3600 * 10**9
+    steady = BEGIN_NS + np.arange(400) * 10_000_000
+    stamps = steady if steps == 'log' else set_back
+    log = steady if steps == 'header' else set_back
+    with Peer(tmp_path / 'a.mcap', chunk_size=5000) as peer:
+        for name in ('lateral', 'speed'):
+            key = peer.channel(f'/rig/{name}', CHANNEL_FIELDS[name][0])
+            rows = serialise(name, Series(stamps, np.sin(0.2 * np.arange(400.0))))
+            for at, raw in zip(log.tolist(), rows, strict=True):
+                peer.writer.add_message(key, at, bytes(raw), at)
+    found = read_record(tmp_path / 'a.mcap')['lateral']
+    np.testing.assert_array_equal(found.values, np.sin(0.2 * np.arange(400.0)))
+    assert any('clock_jump: /rig/lateral' in text for text in problems(tmp_path / 'a.mcap'))
+    if steps != 'log':
+        assert main(['check', str(tmp_path / 'a.mcap')]) == 1
+        assert 'the clock jumps back by 3599.990 s' in capsys.readouterr().out
+
+
+def test_messages_of_two_publishers_stay_as_they_were_written(tmp_path) -> None:
+    """Each has a channel of its own; nothing but their places tells the order of equal times."""
+    messages = joint_states(200)
+    with Peer(tmp_path / 'a.mcap') as peer:
+        keys = [peer.channel('/rig/lateral', publisher=str(number)) for number in range(2)]
+        for row, raw in enumerate(messages):
+            peer.writer.add_message(keys[row % 2], BEGIN_NS, raw, BEGIN_NS)
+    found = read_record(tmp_path / 'a.mcap')['lateral']
+    np.testing.assert_array_equal(found.values, np.arange(200.0))
+
+
+def test_a_clock_that_stands_still_is_no_recording(tmp_path) -> None:
+    still = struct.pack('<iI', BEGIN_NS // 10**9, 5)
+    file = recorded(tmp_path / 'a.mcap', empty_headers(joint_states(90), [*range(90)], still))
+    with pytest.raises(BagError, match='lateral: 90 samples at 1 different time'):
+        read_record(file)
+    assert any('its clock stands still' in text for text in problems(file))
+
+
+def test_the_only_number_of_a_message_needs_no_path(tmp_path) -> None:
+    text = 'builtin_interfaces/Time stamp\nfloat32 value\nstring unit\n'
+    with Peer(tmp_path / 'a.mcap') as peer:
+        key = peer.channel('/rig/lateral', 'my_msgs/msg/Reading', text)
+        rows = [struct.pack('<iIfI', 1 + row, 0, row, 3) + b'mm\0' for row in range(60)]
+        peer.add(key, [CDR + row for row in rows])
+    found = read_record(tmp_path / 'a.mcap')['lateral']
+    np.testing.assert_array_equal(found.values, np.arange(60.0))
+    np.testing.assert_array_equal(found.stamps_ns, (1 + np.arange(60)) * 10**9)
 
 
 def test_times_of_a_simulation_are_times(tmp_path) -> None:

@@ -235,11 +235,13 @@ def test_channels_that_are_not_there_are_told_with_those_that_are(refused, tmp_p
         assert 'it has /rig/yaw' in line
 
 
+@pytest.mark.parametrize('quiet', [0, 800], ids=['always', 'a fifth of the time'])
 @pytest.mark.parametrize('amplitude', [84.0, 0.7], ids=['84 mm', '0.7 mm'])
 def test_a_recording_in_millimetres_is_neither_sound_nor_judged(
-    refused, tmp_path, capsys, amplitude
+    refused, tmp_path, capsys, amplitude, quiet
 ) -> None:
-    wave = amplitude * np.sin(0.18 * np.arange(1000))
+    wave = amplitude * np.sin(0.18 * np.arange(1000)) * (np.arange(1000) >= quiet / 2)
+    wave[1000 - quiet // 2 :] = 0.0
     record = record_of(1.0 + np.arange(1000) / 100.0, lateral=wave, speed=7.0)
     bag = write_record(tmp_path / 'mm', record)
     for verb in ('replay', 'identify'):

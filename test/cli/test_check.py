@@ -152,6 +152,15 @@ def test_a_range_that_nobody_stated_and_error_codes_are_seen(check, values, word
     assert words in one['text']
 
 
+@pytest.mark.parametrize('lost', [np.nan, np.inf])
+def test_a_speed_that_is_no_number_tells_no_diameter(check, lost) -> None:
+    code, found = check(changed(_sound(), speed=lost))
+    assert code == 1
+    assert found['gaps', 'speed']['state'] == 'fail'
+    assert ('diameter', 'roller') not in found
+    assert ('speed', 'speed') not in found
+
+
 def test_an_encoder_may_wrap_and_run_backwards(check) -> None:
     code, found = check(changed(_sound(), roller=lambda v: -v % (2.0 * np.pi)))
     assert code == 0

@@ -46,7 +46,8 @@ class Gathered(NamedTuple):
     """
     Log times, header stamps (ns) and values, shape (n,), in the order of the places.
 
-    `joints` are the names of those taken, `others` those in messages that were passed over.
+    `joints` are the names of those taken, `others` those in messages that were passed over, and
+    `empty` is how many of these name the joint, or none, and hold no number.
     """
 
     log_ns: NDArray[np.int64]
@@ -54,6 +55,7 @@ class Gathered(NamedTuple):
     values: NDArray[np.float64]
     joints: set[str]
     others: set[str]
+    empty: int
 
 
 def gather(block: Block, places: Places, wanted: Wanted) -> Gathered:
@@ -78,16 +80,18 @@ def gather(block: Block, places: Places, wanted: Wanted) -> Gathered:
     kept = np.ones(places.starts.size, dtype=bool)
     joints: set[str] = set()
     others: set[str] = set()
+    empty = 0
     for rows, layout in _layouts(block, places, wanted):
         if layout.field is None:
             others.add(layout.joint)
             kept[rows] = False
+            empty += places.starts[rows].size * layout.empty
         else:
             joints.add(layout.joint)
             _take(block.data, places.starts[rows], layout, rows, stamps, values)
     if others:
-        return Gathered(places.log_ns[kept], stamps[kept], values[kept], joints, others)
-    return Gathered(places.log_ns, stamps, values, joints, others)
+        return Gathered(places.log_ns[kept], stamps[kept], values[kept], joints, others, empty)
+    return Gathered(places.log_ns, stamps, values, joints, others, 0)
 
 
 def _layouts(block: Block, places: Places, wanted: Wanted) -> Iterator[tuple[_Rows, _Layout]]:
@@ -119,7 +123,8 @@ class _Layout(NamedTuple):
     """
     Where the field and the stamp lie, and the bytes that tell a message of this layout.
 
-    Without the joint that is wanted, `field` is None; `joint` names those there are.
+    Without the joint that is wanted, `field` is None; `joint` names those there are, and `empty`
+    says that the number alone is missing.
     """
 
     field: FieldPlace | None
@@ -127,6 +132,7 @@ class _Layout(NamedTuple):
     end: int
     checks: list[tuple[int, str, int]]
     joint: str = ''
+    empty: bool = False
 
 
 def _layout(message: bytes, wanted: Wanted) -> _Layout:
@@ -146,9 +152,8 @@ def _layout(message: bytes, wanted: Wanted) -> _Layout:
         if not there or element >= count:
             more = f' and {len(names) - 12} more' if len(names) > 12 else ''
             shown = f'{", ".join(names[:12]) or "none"}{more}'
-            shown += f' (no {wanted.field[0]})' if there else ''
             end = max(at + len(raw) for at, raw in expected.items())
-            return _Layout(None, None, end, _checks(expected), shown)
+            return _Layout(None, None, end, _checks(expected), shown, there or not names)
         path = (*path, element)
         joint = wanted.joint if not alone else ''.join(names)
     field = locate(wanted.definitions, wanted.type, message, path)

@@ -35,8 +35,8 @@ KINDS: dict[str, str] = {
 }  # fmt: skip
 
 
-#: The field meant when a mapping names only a topic; of a JointState, first the joint that
-#: is named as the channel.
+#: The field meant when a mapping names only a topic, where there are several; of a JointState,
+#: first the joint that is named as the channel.
 USUAL_FIELDS: dict[str, str] = {
     JOINT_STATE: 'position[0]',
     TWIST_STAMPED: 'twist.linear.x',
@@ -44,7 +44,6 @@ USUAL_FIELDS: dict[str, str] = {
     'geometry_msgs/msg/Vector3Stamped': 'vector.x',
     'geometry_msgs/msg/Vector3': 'x',
     'geometry_msgs/msg/PointStamped': 'point.x',
-    **{f'std_msgs/msg/{kind.title().replace("Uint", "UInt")}': 'data' for kind in KINDS},
 }
 
 _STEP = re.compile(r'\.?([A-Za-z_]\w*)|\[(\d+)\]')
@@ -100,6 +99,18 @@ def stamp_path(definitions: Definitions, message_type: str) -> FieldPath | None:
         if node == Nodetype.NAME and detail == 'builtin_interfaces/msg/Time' and name == 'stamp':
             return ('stamp',)
     return None
+
+
+def usual_field(definitions: Definitions, message_type: str) -> str:
+    """Return the path of the field that is meant where none is named: the only number; '' else."""
+    if message_type in USUAL_FIELDS:
+        return USUAL_FIELDS[message_type]
+    numbers = [
+        name
+        for name, (node, detail) in definitions.get(message_type, ())
+        if node == Nodetype.BASE and detail[0] in KINDS
+    ]
+    return numbers[0] if len(numbers) == 1 else ''
 
 
 class PathError(ValueError):

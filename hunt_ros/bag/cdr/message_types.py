@@ -46,7 +46,8 @@ def _parsed(name: str, encoding: str, text: str) -> Definitions:
 
 
 @lru_cache(maxsize=1)
-def _standard_definitions() -> Definitions:
+def standard_definitions() -> Definitions:
+    """Return what the message types of ROS 2 Jazzy are made of."""
     return {key: list(fields) for key, (_, fields) in standard_types().fielddefs.items()}
 
 
@@ -71,15 +72,15 @@ def definitions_of(topic: Topic, source: str = 'bag') -> Definitions:
         try:
             found = _parsed(topic.type, topic.definition_encoding, topic.definition)
         except Exception as error:  # the parser raises what its grammar meets
-            if topic.type in _standard_definitions():
-                return _standard_definitions()
+            if topic.type in standard_definitions():
+                return standard_definitions()
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise BagError(f'{where}: its definition cannot be read ({reason:.80})') from error
         if topic.type in found:
-            return {**_standard_definitions(), **found}
-    if topic.type not in _standard_definitions():
+            return {**standard_definitions(), **found}
+    if topic.type not in standard_definitions():
         raise BagError(f'{where}: the bag holds no definition of this type')
-    return _standard_definitions()
+    return standard_definitions()
 
 
 def definition_text(message_type: str) -> tuple[str, str]:
