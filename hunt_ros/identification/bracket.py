@@ -23,7 +23,6 @@ from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.events import (
     ONE_SPEED,
     SMALLEST,
-    STAY_CYCLES,
     Event,
     events_of,
 )
@@ -47,8 +46,9 @@ class Bracket:
         Speeds between which the limit cycle ends, m/s: v_n, or v_c on a supercritical rig; None
         for a side that nothing bounds.
     v_c : float or None
-        Speed above which it lies, m/s. Nothing seen once bounds it from above: noise throws a
-        subcritical rig out of rest before v_c.
+        Speed above which it lies, m/s: that of rest whose damping was seen, or of a kick that
+        died. Nothing seen once bounds it from above: noise throws a subcritical rig out of rest
+        before v_c.
     began : float or None
         Lowest speed at which hunting began out of rest, unkicked, m/s.
     coexistence : (float, float) or None
@@ -90,9 +90,7 @@ class Bracket:
             name = 'v_n' if self.coexistence else 'the limit cycle ends'
             lines.append(f'seen: {name} {_between(*self.v_n)} m/s: {"; ".join(reasons)}')
         if self.v_c is not None:
-            lines.append(
-                f'seen: v_c {_between(self.v_c, None)} m/s: {_words(self.why["v_c_above"])}'
-            )
+            lines.append(f'seen: v_c {_between(self.v_c, None)} m/s: {self._damping()}')
         if self.began is not None:
             lines.append(f'seen: hunting began, unkicked, at {self.began:.4g} m/s')
         bounded = [row for row in self.unstable if math.isfinite(row[2])]
@@ -100,6 +98,25 @@ class Bracket:
             over = f'{1e3 * above:.3g} to ' if math.isfinite(above) else 'below '
             lines.append(f'seen: unstable amplitude {over}{1e3 * below:.3g} mm at {speed:.4g} m/s')
         return lines
+
+    def _damping(self) -> str:
+        """Return what bounds v_c from below in words."""
+        why = self.why['v_c_above']
+        if not why.damped:
+            return _words(why)
+        words = (
+            f'{_words(why)} ({1e6 * why.amplitude:.2g} um; without damping the forcing there makes'
+            f' it more than {1e6 * why.undamped:.2g} um in 99 of 100 cases)'
+        )
+        rests = [event for event in self.events if event.damped]
+        if len(rests) == len(self.events) > 1:
+            low, high = (end(event.speed for event in rests) for end in (min, max))
+            least = min(event.seconds for event in rests)
+            words += (
+                f'; nothing but rest was seen, and it was damped in all {len(rests)} stretches of'
+                f' {least:.2g} s and longer from {low:.4g} to {high:.4g} m/s'
+            )
+        return words
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry `bracket`."""
@@ -207,12 +224,14 @@ def bracket_of(envelopes: Sequence[Envelope], kicked: Sequence[Mask]) -> Bracket
     Returns
     -------
     Bracket
-        Empty where all amplitudes are of one kind: nothing tells rest from a limit cycle then.
+        Where all amplitudes are of one kind only rest whose damping was seen: of the others
+        nothing tells whether they are rest or a limit cycle.
     """
     amplitude = np.concatenate([one.amplitude for one in envelopes])
     large = threshold_of_motion(amplitude)
     if large is None:
-        return Bracket()
+        one_kind = float(np.nanmedian(amplitude)), math.inf, math.inf
+        return _bounds([e for e in _events(envelopes, kicked, one_kind) if e.damped], math.inf)
     rest = float(np.median(amplitude[np.isfinite(amplitude) & (amplitude <= large)]))
     large = max(large, ABOVE_NOISE * rest)
     # Kicks reach further than any limit cycle, for an instant. Motion at another frequency is none
@@ -222,22 +241,22 @@ def bracket_of(envelopes: Sequence[Envelope], kicked: Sequence[Mask]) -> Bracket
         for one in envelopes
     ]
     top = max(float(np.nanmax(median_filter(size, size=7))) for size in sizes)
-    events = [
+    return _bounds(_events(envelopes, kicked, (rest, large, top)), top)
+
+
+def _events(
+    envelopes: Sequence[Envelope], kicked: Sequence[Mask], levels: tuple[float, float, float]
+) -> list[Event]:
+    """Return the events of all envelopes by the levels of `events_of`."""
+    return [
         event
         for one, struck in zip(envelopes, kicked, strict=True)
-        for event in events_of(one, struck, (rest, large, top))
+        for event in events_of(one, struck, levels)
     ]
-    period = 1.0 / float(np.median(np.concatenate([one.frequency for one in envelopes])))
-    return _bounds(events, top, STAY_CYCLES * period)
 
 
-def _bounds(events: Sequence[Event], top: float, long_s: float) -> Bracket:
-    """
-    Return what the events bound, the largest motion that lasts being `top`, m.
-
-    Just above v_c noise takes as long to swell as a limit cycle lingers: shorter rest than
-    `long_s` does not tell on which side of v_c it is.
-    """
+def _bounds(events: Sequence[Event], top: float) -> Bracket:
+    """Return what the events bound, the largest motion that lasts being `top`, m."""
     kinds: dict[str, list[Event]] = {'rest': [], 'stayed': [], 'died': [], 'grew': []}
     for event in events:
         kinds[event.kind].append(event)
@@ -250,7 +269,7 @@ def _bounds(events: Sequence[Event], top: float, long_s: float) -> Bracket:
         why['v_n_above'] = max(beyond, key=lambda e: e.speed_low)
     if kinds['stayed']:
         why['v_n_below'] = min(kinds['stayed'], key=lambda e: e.speed_low)
-    resting = [e for e in kinds['rest'] if e.seconds >= long_s]
+    resting = [e for e in kinds['rest'] if e.damped]
     resting += [e for e in kinds['died'] if math.isfinite(e.kick)]
     if resting:
         why['v_c_above'] = max(resting, key=lambda e: e.speed_low)

@@ -18,7 +18,13 @@ from scipy import stats
 
 from hunt_ros.analysis.steady_state import ABOVE_NOISE
 from hunt_ros.identification.record.channels import runs
-from hunt_ros.identification.record.envelope import WINDOW_CYCLES, Envelope
+from hunt_ros.identification.record.envelope import (
+    STEP_CYCLES,
+    WINDOW_CYCLES,
+    WINDOW_OVERLAP,
+    WINDOW_REACH,
+    Envelope,
+)
 from hunt_ros.samples import as_json, key
 
 Array = NDArray[np.float64]
@@ -35,6 +41,11 @@ _SCATTER = 0.32
 #: A fold is hardly smaller than so much of the largest limit cycle: what is, is noise next to v_c.
 #: With growth a + b A^2 - c A^4 that is 4 a c < (15^2 - 1) b^2.
 SMALLEST = 0.25
+#: Mean square of random motion without damping, in units of what it gathers in its time: below
+#: this once in a hundred times. That of two Wiener processes over one second, whose transform,
+#: 1 / cosh sqrt(2 s), is the one of the time in which one of them comes to +-1 (Borodin, A. N.,
+#: Salminen, P., Handbook of Brownian Motion (2002), 1.9.3 and 3.0.1 of part II).
+_UNDAMPED = 0.127
 #: Growth out of rest may be so many times faster than the rest before it allows, by its nonlinear
 #: part; what is faster was kicked.
 _FASTER = 4.0
@@ -58,11 +69,14 @@ class Event:
         Speeds it was seen at, m/s; of what stayed and then died with the speed falling only
         those at which it stayed.
     amplitude : float
-        Median of rest, last of what stayed, largest of what died, m.
+        Root of the mean square of rest, median of what stayed, largest of what died, m.
     kick : float
         Amplitude right after the kick that began it, m; NaN for none.
     spread : (float, float)
         Smallest and largest amplitude meanwhile, m.
+    undamped : float
+        Of rest: amplitude, root of its mean square, that motion without damping exceeds in 99 of
+        100 cases under the forcing that is seen there, m; NaN else.
     """
 
     kind: Kind
@@ -74,11 +88,17 @@ class Event:
     amplitude: float = field(metadata=key('amplitude_m'))
     kick: float = field(default=math.nan, metadata=key('kick_m'))
     spread: tuple[float, float] = field(default=(math.nan, math.nan), metadata=key(''))
+    undamped: float = field(default=math.nan, metadata=key('undamped_m'))
 
     @property
     def seconds(self) -> float:
         """How long it was seen."""
         return (self.end_ns - self.start_ns) / 1e9
+
+    @property
+    def damped(self) -> bool:
+        """Whether it is rest that without damping would have grown larger."""
+        return self.amplitude < self.undamped
 
     @property
     def speed(self) -> float:
@@ -112,6 +132,8 @@ class _Piece:
     speed: Array
     struck: Mask
     period: float
+    phasor: NDArray[np.complex128]
+    noise: Array
 
     def event(self, kind: Kind, a: int, b: int, size: float, kick: float = math.nan) -> Event:
         """Return what was seen from instant a to instant b."""
@@ -136,6 +158,22 @@ class _Piece:
         # A step of what noise does from one instant to the next is no kick.
         return bool(self.amplitude[top] > ABOVE_NOISE * quiet and rise > _FASTER * allowed)
 
+    def undamped(self, a: int, b: int) -> float:
+        """
+        Amplitude that motion without damping exceeds from instant a to b, 99 of 100 times, m.
+
+        With growth, or from a start that is not zero, it exceeds it the more. Its forcing is what
+        moves it from one instant to the next beyond what noise does: of damped motion less.
+        """
+        z = self.phasor[a : b + 1]
+        turn = np.sum(z[1:] * z[:-1].conj())
+        moved = np.abs(z[1:] * turn.conj() / max(abs(turn), 1e-300) - z[:-1]) ** 2
+        noise = 4.0 * (1.0 - WINDOW_OVERLAP) * float(np.median(self.noise[a : b + 1])) ** 2
+        # Of a random walk two windows that overlap show less than their middles are apart.
+        shown = 1.0 - 0.5 * WINDOW_CYCLES * WINDOW_REACH / STEP_CYCLES
+        push = max(float(np.mean(moved)) - noise, 0.0) / shown
+        return math.sqrt(_UNDAMPED * 0.5 * push * moved.size)
+
     def rests(self, a: int, last: int) -> list[Event]:
         """Return rest, speed by speed: where it was seen for long enough at one of them."""
         found = []
@@ -152,8 +190,9 @@ class _Piece:
                 ]
                 freedom = 0.5 * (b + 1 - half), 0.5 * (half - a)
                 if stats.f.sf(powers[1] / powers[0], *freedom) >= 0.01:
-                    size = float(np.median(self.amplitude[a : b + 1]))
-                    found.append(self.event('rest', a, b, size))
+                    size = math.sqrt(float(np.mean(self.amplitude[a : b + 1] ** 2)))
+                    seen = self.event('rest', a, b, size)
+                    found.append(replace(seen, undamped=self.undamped(a, b)))
             a = b + 1
         return found
 
@@ -240,7 +279,8 @@ def events_of(
     struck : ndarray of bool, shape (n,)
         Instants whose windows hold a kick.
     levels : (float, float, float)
-        Amplitudes, m: median of rest, smallest motion out of it, largest that lasts.
+        Amplitudes, m: median of rest, smallest motion out of it, largest that lasts; infinite
+        where all amplitudes are of one kind.
     """
     rest, large, top = levels
     known = np.flatnonzero(np.isfinite(envelope.amplitude))
@@ -261,5 +301,7 @@ def events_of(
                 envelope.speed[part],
                 struck[part],
                 period,
+                envelope.phasor[part],
+                envelope.noise[part],
             )
             yield from seen.events(rest, large)

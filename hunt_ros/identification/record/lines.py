@@ -26,6 +26,9 @@ _F = NDArray[np.float64]
 
 #: Distance of the knots of hunting and bias, in cycles, and how many lie between two of a line.
 _KNOT_CYCLES, _EVERY = 1.5, 16
+#: Change of the speed, relative, over which the phasor of a line of the roller is one, and knots
+#: of which the median shows it.
+_MOVED, _STEADY = 0.02, 5
 #: Samples in a cycle that are looked at, about: each knot of a line has a thousand.
 _SAMPLES = 40.0
 #: Solved so often, with the weights that follow from the solution before.
@@ -75,8 +78,11 @@ def free_of_lines(
     angles = np.array(turned)
     phase = 2.0 * np.pi * np.cumsum(steps * frequency)
     when, values, turn = (x[some][known] for x in (time - time[0], channels.lateral, phase))
-    knots = _phasors(when, values, turn, angles[:, some][:, known], _KNOT_CYCLES / hz)
-    place = np.arange(len(knots)) * (_EVERY * _KNOT_CYCLES / hz)
+    step = _KNOT_CYCLES / hz
+    knot = ((time - time[0]) / step).astype(np.int64)
+    edges = _edges(np.bincount(knot, channels.speed) / np.maximum(np.bincount(knot), 1))
+    knots = _phasors(when, values, turn, angles[:, some][:, known], step, edges)
+    place = edges * step
     phasors = np.array([np.interp(time - time[0], place, size) for size in knots.T])
     shown = (phasors * np.exp(1j * angles)).real.sum(axis=0)
     power = (np.abs(phasors[: len(own)]) ** 2).sum(axis=0) if own else np.full(time.size, np.nan)
@@ -88,23 +94,42 @@ def free_of_lines(
     return replace(channels, lateral=channels.lateral - shown, yaw=yaw), power
 
 
-def _phasors(time: _F, values: _F, phase: _F, angles: _F, step: float) -> NDArray[np.complex128]:
-    """Solve for the phasors of the lines at their knots: shape (cells + 1, k)."""
-    cells = max(int(np.ceil(time[-1] / (_EVERY * step))), 1)
-    count = cells * _EVERY
+def _edges(speed: _F) -> NDArray[np.int64]:
+    """
+    Knots at which the phasors of the lines are free: closer where the speed changes.
+
+    Parameters
+    ----------
+    speed : ndarray, shape (n,)
+        Its mean from each knot to the next, m/s; 0 where no sample is.
+    """
+    usual, edges = median_filter(speed, size=_STEADY, mode='nearest'), [0]
+    for k in range(1, speed.size + 1):
+        moved = abs(usual[min(k, speed.size - 1)] / max(usual[edges[-1]], 1e-9) - 1.0) > _MOVED
+        if moved or k - edges[-1] == _EVERY or k == speed.size:
+            edges.append(k)
+    return np.array(edges)
+
+
+def _phasors(
+    time: _F, values: _F, phase: _F, angles: _F, step: float, edges: NDArray[np.int64]
+) -> NDArray[np.complex128]:
+    """Solve for the phasors of the lines at their knots `edges`: shape (cells + 1, k)."""
+    cells, count = edges.size - 1, int(edges[-1])
     knot = np.minimum((time / step).astype(np.int64), count - 1)
     seen = np.maximum(np.bincount(knot, minlength=count), 1)
     # A value reads hunting and bias at the two knots about it, the lines at the ends of its cell.
-    near, far = time / step - knot, time / (_EVERY * step) - knot // _EVERY
+    cell = np.repeat(np.arange(cells), np.diff(edges))
+    near = time / step - knot
+    far = (time / step - edges[cell][knot]) / np.diff(edges)[cell][knot]
     mode = [np.cos(phase), -np.sin(phase), np.ones(time.size)]
     turning = [part(angle) for angle in angles for part in (np.cos, np.sin)]
     sides = (1.0 - near, mode), (near, mode), (1.0 - far, turning), (far, turning)
     basis = [share * wave for share, waves in sides for wave in waves]
     # Lines stand before the hunting of their cell, so that the equations are a narrow band.
     k, lines = np.arange(count + 1), np.arange(len(turning))
-    lines = (3 * _EVERY + lines.size) * np.arange(cells + 1)[:, None] + lines
-    hunting = (3 * k + len(turning) * (k // _EVERY + 1))[:, None] + np.arange(3)
-    cell = k[:-1] // _EVERY
+    lines = (3 * edges + lines.size * np.arange(cells + 1))[:, None] + lines
+    hunting = (3 * k + len(turning) * np.append(cell + 1, cells + 1))[:, None] + np.arange(3)
     places = np.hstack([hunting[:-1], hunting[1:], lines[cell], lines[cell + 1]]).T
     size, width = int(hunting[-1, -1]) + 1, 3 * (_EVERY + 1) + 2 * len(turning)
     one, other = np.triu_indices(len(basis))

@@ -348,7 +348,9 @@ def _unsupported(
     elif int(np.isfinite(amplitude).sum()) < _FEWEST_STEPS:
         failed['speeds'] = 'too short: fewer than a few dozen hunting cycles'
     if reason := _no_critical_speed(law, posterior):
-        failed['critical'] = reason
+        rest = evidence.bracket.v_c if not hunts else None
+        seen = '' if rest is None else f'only rest was seen, which puts v_c above {rest:.4g} m/s: '
+        failed['critical'] = seen + reason
     elif not settings.prior_v_c and (reason := _no_small_motion(law, evidence, hunts)):
         failed['small'] = reason
     D1 = posterior.number('D1')
@@ -425,9 +427,12 @@ def _no_small_motion(law: GrowthLaw, evidence: Evidence, hunts: bool) -> str:
     speed, amplitude = evidence.along('speed'), evidence.along('amplitude')
     most = _SMALL * np.nanmax(amplitude) if hunts else np.inf
     small, v_c = speed[amplitude < most], law.critical_speed
-    # Motion of one kind is a limit cycle everywhere, where rest would be unstable everywhere.
-    above = not hunts and v_c is not None and v_c < float(speed.min())
-    if above or not small.size:
+    if not hunts and v_c is not None and v_c < float(speed.min()):
+        return (
+            f'v_c would lie at {v_c:.3g} m/s, below the speeds of the data, and all amplitudes are'
+            ' of one kind: whether they are rest or a limit cycle cannot be told'
+        )
+    if not small.size:
         return (
             'no small motion was seen: the limit cycle does not show where rest becomes unstable'
         )
