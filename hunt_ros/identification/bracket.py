@@ -92,7 +92,14 @@ class Bracket:
         if self.v_c is not None:
             lines.append(f'seen: v_c {_between(self.v_c, None)} m/s: {self._damping()}')
         if self.began is not None:
-            lines.append(f'seen: hunting began, unkicked, at {self.began:.4g} m/s')
+            line = f'seen: hunting began, unkicked, at {self.began:.4g} m/s'
+            rested = max((e.speed_low for e in self.events if e.kind == 'rest'), default=0.0)
+            if rested > self.began:
+                line += (
+                    f', out of rest that was seen up to {rested:.4g} m/s: random motion may do'
+                    ' that below v_c'
+                )
+            lines.append(line)
         bounded = [row for row in self.unstable if math.isfinite(row[2])]
         for speed, above, below in bounded[:3]:
             over = f'{1e3 * above:.3g} to ' if math.isfinite(above) else 'below '

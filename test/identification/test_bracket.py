@@ -16,6 +16,7 @@ from hunt_ros.dynamics.simulation import simulate
 from hunt_ros.identification import identify
 from hunt_ros.identification.bracket import Bracket, bracket_of, contradicts, refutations
 from hunt_ros.identification.preparation import Recording, runs_in
+from hunt_ros.identification.record.events import Event
 from hunt_ros.identification.settings import IdentificationSettings
 
 V_N = PAPER_NORMAL_FORM.nonlinear_critical_speed
@@ -162,6 +163,15 @@ def test_a_staircase_that_is_quiet_at_every_speed_bounds_v_c(line):
         assert {event.kind for event in seen.events} == {'rest'}
         assert result.criticality is None
         assert 'no small motion' not in str(result.unknown)
+
+
+def test_hunting_that_began_below_rest_is_told_beside_it():
+    at = [('grew', 18.7, 18.76, 2e-4), ('rest', 19.0, 19.0, 1e-5)]
+    events = [Event(kind, 'a', 0, 10**10, low, high, size) for kind, low, high, size in at]
+    (line,) = Bracket(tuple(events), began=18.76).lines()
+    assert '18.76 m/s, out of rest that was seen up to 19 m/s' in line
+    (line,) = Bracket(tuple(events[:1]), began=18.76).lines()
+    assert line.endswith('18.76 m/s')
 
 
 def test_it_stands_first_and_is_json(make):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made import LAW
 
 from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.dynamics.growth_law import QUINTIC, GrowthScales, from_normal_form, lawful
@@ -14,6 +15,7 @@ from hunt_ros.identification.identifying import _distinct, _path
 from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.trajectory_fit import fit_path, learnt
 from hunt_ros.identification.preparation import Recording, Run, runs_in
+from hunt_ros.identification.record.segments import Segment
 from hunt_ros.identification.uncertainty import (
     critical_speed_bound,
     draw_laws,
@@ -75,6 +77,16 @@ def test_no_transient_of_the_law_itself_is_missed_and_those_of_another_are(fitte
     wrong = replace(laws[0], law=replace(laws[0].law, p=-laws[0].law.p))
     missed, count = missed_transients(wrong, runs)
     assert missed > 0.8 * count
+
+
+def test_a_fall_and_a_rise_with_rest_between_are_two_transients(fitted, make):
+    times, speeds = [0, 20, 22, 40, 42, 90], [8.4, 8.4, 6.2, 6.2, 8.6, 8.6]
+    record = make(lambda t: np.interp(t, times, speeds), 90.0, 4, start=6.8e-4, forcing=1e-5)
+    (run,), _ = runs_in(Recording(record, 1, SETTINGS), 2.835, 0.0)
+    ends = [run.envelope.start_ns, run.envelope.start_ns + 90 * 10**9]
+    whole = Segment('transient', 'a', *ends, 8.4, 8.6, True, '')
+    law = replace(fitted[0][0], law=LAW)
+    assert missed_transients(law, [replace(run, segments=[whole])]) == (0, 2)
 
 
 def test_a_limit_cycle_that_the_law_does_not_follow_is_a_lack_of_fit(fitted):

@@ -15,6 +15,7 @@ from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.dynamics.growth_law import GrowthLaw
 from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.likelihood.stationary import forcing, stationary_amplitude
+from hunt_ros.identification.record.channels import runs as spans
 from hunt_ros.identification.record.segments import Run
 from hunt_ros.identification.uncertainty import law_covariance
 
@@ -263,16 +264,17 @@ def missed_transients(fitted: FittedLaw, runs: Sequence[Run]) -> tuple[int, int]
     for envelope, segment in moved:
         stamp = envelope.start_ns + 1e9 * envelope.time
         inside = (stamp >= segment.start_ns - 1e6) & (stamp <= segment.end_ns + 1e6)
-        large = inside & (envelope.amplitude > floor)
-        if large.sum() < 4:
-            continue
-        amplitude, time = envelope.amplitude[large], envelope.time[large]
-        line = np.nan_to_num(envelope.line_power[large])
-        rate = law.growth_rate(envelope.speed[large], amplitude, line)
-        said = float(np.sum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time)))
-        seen = math.log(float(amplitude[-1] / amplitude[0]))
-        count += 1
-        missed += abs(said - seen) > 0.35 * max(abs(said), abs(seen)) + 0.4
+        # A fall and a rise with rest between them are two.
+        for a, b in spans(inside & (envelope.amplitude > floor)):
+            if b - a < 4:
+                continue
+            amplitude, time = envelope.amplitude[a:b], envelope.time[a:b]
+            line = np.nan_to_num(envelope.line_power[a:b])
+            rate = law.growth_rate(envelope.speed[a:b], amplitude, line)
+            said = float(np.sum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time)))
+            seen = math.log(float(amplitude[-1] / amplitude[0]))
+            count += 1
+            missed += abs(said - seen) > 0.35 * max(abs(said), abs(seen)) + 0.4
     return missed, count
 
 
