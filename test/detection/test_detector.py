@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
-from made import PAPER, without, words
+from made import PAPER, changed, without, words
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, detect
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect, health
 from hunt_ros.detection.output import Output
 from hunt_ros.detection.regions import Region
 from hunt_ros.dynamics.profile import Profile, Sweep
@@ -88,6 +89,7 @@ def test_an_unknown_channel_and_unequal_lengths_are_refused() -> None:
     [
         ({'channels': ('lateral', 'pitch')}, 'pitch'),
         ({'channels': ('speed',)}, 'lateral or yaw'),
+        ({'channels': ('axle_box', 'roller', 'speed')}, 'need lateral or yaw'),
         ({'lines': (1.0, -2.0)}, 'lines: -2.0'),
         ({'lines': tuple(range(1, 20))}, 'at most 8'),
         ({'wheel_diameter_m': 0.07}, 'roller_diameter_m'),
@@ -98,3 +100,33 @@ def test_an_unknown_channel_and_unequal_lengths_are_refused() -> None:
 def test_impossible_settings_are_named(changes, word) -> None:
     with pytest.raises(ConfigError, match=word):
         DetectorConfig(**changes)
+
+
+def test_a_clipped_limit_cycle_is_saturated_and_still_an_alarm(recorded) -> None:
+    record = recorded(7.2, 10.0, kicks=[(1.5, 500e-6)])
+    limit = 0.6 * float(np.abs(record['lateral'].values).max())  # of the sensor, all the time
+    clipped = changed(record, lateral=lambda y: np.clip(y, -limit, limit))
+    detector = HuntingDetector(normal_form=PAPER)
+    rows = detect(detector, clipped).estimates
+    during = rows[rows['stamp_ns'] > 5_600_000_000]
+    assert np.isin(during['state'], [State.ESCAPING, State.LIMIT_CYCLE]).all()
+    assert ((during['lateral_wrong'] & health.SATURATED) != 0).all()
+    assert detector.status.alarm
+
+
+def test_a_rig_that_runs_in_reverse_hunts_as_it_does_ahead_and_the_status_says_so(
+    recorded, true_form
+) -> None:
+    record = recorded(7.2, 20.0, kicks=[(9.0, 330e-6)])
+    detector = HuntingDetector(normal_form=true_form)
+    reverse = detect(detector, changed(record, speed=np.negative, roller=np.negative))
+    ahead = detect(HuntingDetector(normal_form=true_form), record)
+    assert 'speed: negative: the rig runs in reverse' in detector.status.reasons
+    assert detector.status.number('speed_mps') == pytest.approx(7.2, abs=0.05)
+    assert Level.STALE not in reverse.estimates['level']
+    for name in ('speed', 'lateral_amplitude', 'lateral_roughness', 'margin'):
+        assert np.allclose(
+            reverse.estimates[name], ahead.estimates[name], rtol=1e-3, atol=1e-7, equal_nan=True
+        ), name
+    events = [[(event.event, event.stamp_ns) for event in one.events] for one in (reverse, ahead)]
+    assert events[0] == events[1]

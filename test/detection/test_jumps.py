@@ -1,4 +1,4 @@
-"""A level that steps and samples that are wrong are no motion; a wheelset set aside moves."""
+"""Levels that step and wrong samples are no motion; what is hit moves, what repeats is stuck."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made import held, record_of, rig_settings
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector, detect
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, detect, health
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import Kick, simulate
 
@@ -15,6 +15,8 @@ AMPLITUDE, NOISE = 0.2e-3, 5e-6
 #: Yaw over lateral phasor, rad/m.
 RATIO = -3.94 + 2.37j
 CONFIG = DetectorConfig(channels=('lateral', 'yaw', 'speed'))
+#: Of one sensor alone, m: what its readings step by.
+RESOLUTION, ALONE = 1e-6, DetectorConfig(channels=('lateral', 'speed'))
 
 
 def signals(seed: int) -> tuple[np.ndarray, dict[str, np.ndarray], np.random.Generator]:
@@ -88,3 +90,47 @@ def test_a_wheelset_that_was_hit_moves(way: str) -> None:
         moved = np.sqrt(2.0) * lateral[whole].std()
         off.append(np.mean(rows['lateral_amplitude'][told]) / moved - 1.0)
     assert np.mean(np.abs(off) < 0.15) > 0.9
+
+
+# --- a reading that repeats says something only where the motion exceeds its steps ------------
+
+
+def stuck(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return seconds and True where the lateral sensor is said to be stuck, at the rows."""
+    record = record_of((np.arange(values.size) + 1) / RATE, lateral=values, speed=6.0)
+    rows = detect(HuntingDetector(ALONE), record).estimates
+    wrong = (rows['lateral_wrong'] & health.STUCK) != 0
+    assert (rows['level'][wrong] == Level.STALE).all()
+    return rows['stamp_ns'] * 1e-9, wrong
+
+
+def read(motion: np.ndarray, seed: int = 0, noise: float = 0.1 * RESOLUTION) -> np.ndarray:
+    """Return what a sensor with steps reads of a motion, m."""
+    noisy = motion + noise * np.random.default_rng(seed).standard_normal(motion.size)
+    return RESOLUTION * np.round(noisy / RESOLUTION)
+
+
+@pytest.mark.parametrize('offset', [0.1, 0.25, 0.4, 0.5])
+@pytest.mark.parametrize('amplitude', [0.0, 0.3, 0.6])
+def test_a_sensor_with_coarse_steps_at_rest_is_not_stuck(offset: float, amplitude: float) -> None:
+    t = np.arange(round(20.0 * RATE)) / RATE
+    # It moved before it came to rest: what its steps are is known from that.
+    motion = RESOLUTION * (offset + 30.0 * np.exp(-2.0 * t) * np.cos(17.8 * t))
+    values = read(motion + amplitude * RESOLUTION * np.cos(17.8 * t))
+    seconds, wrong = stuck(values)
+    assert not wrong[seconds > 1.0].any()
+
+
+@pytest.mark.parametrize('noise', [0.1, 1.5])
+def test_a_sensor_that_stops_in_the_middle_of_a_motion_is_stuck(noise: float) -> None:
+    t = np.arange(round(10.0 * RATE)) / RATE
+    values = read(20.0 * RESOLUTION * np.cos(17.8 * t), noise=noise * RESOLUTION)
+    values[t > 6.0] = values[np.flatnonzero(t > 6.0)[0]]
+    seconds, wrong = stuck(values)
+    assert not wrong[seconds < 6.0].any()
+    assert wrong[seconds > 6.3].all()
+
+
+def test_a_sensor_that_never_moved_is_not_believed() -> None:
+    seconds, wrong = stuck(np.zeros(round(5.0 * RATE)))
+    assert wrong[seconds > 0.3].all()

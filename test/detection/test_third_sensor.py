@@ -11,7 +11,6 @@ from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, de
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import Kick, simulate
 from hunt_ros.dynamics.simulation.settings import Roughness, SimulationSettings
-from hunt_ros.errors import ConfigError
 from hunt_ros.samples import Record, Series
 
 RATE, DEAD_NS = 500.0, 20_000_000_000
@@ -71,8 +70,3 @@ def test_it_carries_on_where_the_displacement_sensor_dies(simulated, truth, othe
     assert (rows['state'][late] == State.LIMIT_CYCLE).all()
     assert (rows['level'][late] == Level.STALE).all()  # a sensor is missing, and it is said
     assert any(words.startswith('lateral: silent') for words in detector.status.reasons)
-
-
-def test_a_rig_needs_a_displacement() -> None:
-    with pytest.raises(ConfigError, match='need lateral or yaw'):
-        DetectorConfig(channels=('axle_box', 'roller', 'speed'))

@@ -1,4 +1,4 @@
-"""Without a form: what grows, holds or falls is told from noise, at the rate asked for."""
+"""What grows, holds or falls is told from noise, at the rate asked for; no state hangs."""
 
 from __future__ import annotations
 
@@ -7,11 +7,16 @@ import math
 import numpy as np
 import pytest
 from decided import QUIET, ROWS, decided, noise
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made import PAPER
 
 from hunt_ros.detection import DetectorConfig, State
 from hunt_ros.detection.decision import decisions
+from hunt_ros.detection.decision.form import form_numbers
 from hunt_ros.detection.decision.rules import rules_of
 
+CALM = 8e-6  # of a rig that is quieter, m
 HUNTING = (State.ESCAPING, State.LIMIT_CYCLE)
 
 
@@ -89,3 +94,29 @@ def test_what_begins_to_hunt_just_above_another_speed_is_not_taken_for_its_noise
         assert at > 105.0
         said += at < 120.0
     assert said >= 8
+
+
+@pytest.mark.parametrize('form', [PAPER, None], ids=['form', 'no form'])
+@settings(max_examples=25, deadline=None)
+@given(
+    speed=st.sampled_from([6.6, 7.2, 7.6]),
+    stretches=st.lists(
+        st.tuples(st.floats(0.05, 6.0), st.floats(1e-6, 8e-4)), min_size=1, max_size=6
+    ),
+    seed=st.integers(0, 1000),
+)
+def test_what_is_over_is_not_escaping_and_becomes_quiet(form, speed, stretches, seed) -> None:
+    """Whatever came before: where nothing is left of the motion, no state of hunting stays."""
+    rng = np.random.default_rng(seed)
+    before = np.abs(noise(30.0, 1.0, CALM, rng))
+    times = np.cumsum([0.0, *(length for length, _ in stretches)])
+    sizes = [float(before[-1]), *(size for _, size in stretches)]
+    t = np.arange(0.0, times[-1], 1.0 / ROWS)
+    path = np.exp(np.interp(t, times, np.log(sizes)))
+    down = np.geomspace(sizes[-1], CALM, ROWS)
+    after = np.abs(noise(60.0, 1.0, CALM, rng))
+    amplitude = np.concatenate([before, path, down, after])
+    states = decided(amplitude, form=form_numbers(form), speed=speed)['state']
+    calm = states[-after.size :]
+    assert not (calm[2 * ROWS :] == State.ESCAPING).any()
+    assert (calm[45 * ROWS :] <= State.DISTURBED).all()
