@@ -150,6 +150,10 @@ class ModbusDrive(ModbusBus):
     poll_hz: float = _fixed(100.0, 'Readings a second.', unit='Hz', low=1.0, high=1000.0)
 
 
+class _BusyError(RefusedError):
+    """A device that is busy for longer than may be waited."""
+
+
 class Register(NamedTuple):
     """
     A number in one register or two.
@@ -297,7 +301,8 @@ class ModbusLink:
                 code = getattr(response, 'exception_code', 0)
                 if code not in _BUSY or time.monotonic() - began_s > _BUDGET_S:
                     reason = _REFUSALS.get(code, f'exception {code}')
-                    raise RefusedError(f'{bus}: {what}: {reason}')
+                    kind = _BusyError if code in _BUSY else RefusedError
+                    raise kind(f'{bus}: {what}: {reason}')
                 time.sleep(_AGAIN_S)
 
     def _ask(self, again: bool, call: str, *arguments: Any, **options: Any) -> Any:
@@ -443,6 +448,8 @@ class Drive(_Polled, DriveDriver):
         self._looked_s = now_s
         try:
             held = self._link.read(self._target)
+        except _BusyError:
+            return
         except RefusedError:  # a register that can only be written
             self._written = deque(maxlen=0)
             return

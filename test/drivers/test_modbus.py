@@ -22,6 +22,7 @@ from hunt_ros.drivers.modbus import (
     ModbusSensor,
     Register,
     Sensor,
+    _BusyError,
 )
 from hunt_ros.errors import DriverError, RefusedError
 
@@ -354,5 +355,14 @@ def test_a_second_master_is_found_by_reading_the_set_point_back(modbus_server, m
         return {x for x in found if not math.isnan(x)}
 
     assert foreign(5.0, None) == set()
+    read = drive._link.read
+
+    def busy(register: Register) -> list[int]:
+        if register.address != 40:
+            return read(register)
+        drive._link.read = read
+        raise _BusyError('device busy')
+
+    drive._link.read = busy  # it is looked again
     assert foreign(5.0, 750) == {7.5}
     drive.close()
