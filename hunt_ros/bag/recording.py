@@ -8,6 +8,7 @@ than the last moment.
 
 from __future__ import annotations
 
+import math
 import shutil
 import threading
 import time
@@ -27,6 +28,8 @@ _Order: TypeAlias = Callable[[BagWriter], object]
 _Message: TypeAlias = tuple[int, int, bytes]
 
 _MEBIBYTE = 1 << 20
+#: A file is no shorter than this where a person asks for the next, s.
+_SPLIT_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -114,6 +117,7 @@ class Recording:
         self._bag = BagWriter(path, notes=notes, compression=compression)
         self._names: list[str] = []  # the number of a topic is its place, from 1
         self._lock = threading.Lock()
+        self._split_s = -math.inf  # when a new file was asked for, steady clock
         self._queue: list[_Message | _Order] = []
         self._taken: deque[_Message | _Order] = deque()  # out of it, by the thread
         self._waiting = 0
@@ -179,7 +183,10 @@ class Recording:
             self._queue.append(lambda bag: bag.note(name, copy))
 
     def split(self) -> None:
-        """Go on in a new file."""
+        """Go on in a new file; raises BagError where that of the last call is a moment old."""
+        before_s, self._split_s = self._split_s, time.monotonic()
+        if self._split_s - before_s < _SPLIT_S:  # a folder of thousands is read slowly
+            raise BagError(f'the file at hand was begun less than {_SPLIT_S:g} s ago')
         with self._lock:
             self._queue.append(lambda bag: bag.split())
         self._wake.set()

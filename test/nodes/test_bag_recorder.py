@@ -121,12 +121,13 @@ def test_services_start_split_stop_and_mark_with_words_or_without(graph) -> None
         assert words.wait_for_all_acked(Duration(seconds=30.0))
         assert graph.call('recording/mark').success
     assert graph.call('recording/split').success
+    assert not all(graph.call('recording/split').success for _ in range(20)), 'no flood of files'
     assert graph.call('recording/mark').success
     path = stopped(graph)
     texts = [text for _, text in read_texts(path, 'recording/mark')]
     assert texts == ['mark', 'bump at joint 3', 'crane overhead', 'mark']
     assert path.name.startswith('run_')
-    assert len(list(path.glob('*.mcap'))) == 2
+    assert 2 <= len(list(path.glob('*.mcap'))) < 20
 
 
 def alarm(word: str, level: str) -> DiagnosticArray:
