@@ -43,6 +43,8 @@ ALARM_OUTPUTS = 'alarm_outputs'
 GUARDS = (DRIVE, ALARM_OUTPUTS)
 #: Nodes without which a run goes on where they refuse to start: what is missing then.
 OPTIONAL = {PAGE: 'the rig is watched without the page'}
+#: Variable of the environment of a process that was started again: its state is known to be there.
+AGAIN = 'HUNT_AGAIN'
 #: A start takes no longer than this, s: who waits for a neighbour until then is only starting, and
 #: afterwards in trouble; without a word of the detector somebody is called.
 START_S = float(os.environ.get('HUNT_START_S', '30'))

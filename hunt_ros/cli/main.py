@@ -17,7 +17,6 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from hunt_ros import __version__
-from hunt_ros.compiled import on_compilation
 from hunt_ros.errors import HuntError, not_installed
 
 #: Verb -> what it is for, in the order of the help text. Its module is imported where it is used.
@@ -121,7 +120,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logging.getLogger('matplotlib').setLevel(logging.ERROR)
     try:
         parsed = parser_of(words[0] if words else None).parse_args(words)
-        on_compilation(lambda text: print(f'{name}: {text}', file=sys.stderr, flush=True))
+        # Imported here, for an interrupt finds nobody who takes it before.
+        say = import_module('hunt_ros.compiled').on_compilation
+        say(lambda text: print(f'{name}: {text}', file=sys.stderr, flush=True))
         code: int = parsed.run(parsed)
         return code
     except _UsageError as error:

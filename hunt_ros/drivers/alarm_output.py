@@ -80,6 +80,7 @@ class Call:
         self._kept = ''  # what the speed node keeps until a person ends it
         self._shelved: set[str] = set()  # codes of what calls nobody, as the speed node says
         self._judged = False  # the detector has had sound inputs once
+        self._ending = False  # the speed node was asked to end: its silence is no doubt
 
     def hear(self, now_s: float, status: Mapping[str, str]) -> None:
         """Take a status of the detector."""
@@ -89,7 +90,7 @@ class Call:
     def hear_drive(self, now_s: float, said: Mapping[str, str]) -> None:
         """Take what the speed node says: of an alarm that outlived its detector, and of a trip."""
         tripped = said.get('interlock_state') == 'tripped'
-        self._drive_s = now_s
+        self._drive_s, self._ending = now_s, said.get('ending') == 'True'
         self._shelved = {each.split()[0] for each in said.get('shelved', '').split('; ') if each}
         self._kept = said.get('alarm_kept') or (said['interlock_cause'] if tripped else '')
 
@@ -128,6 +129,8 @@ class Call:
             return Condition.WAITING, words
         if not status:
             return Condition.DOUBT, f'no status since the start, for more than {START_S:g} s'
+        if self._ending and now_s - self._drive_s < START_S:
+            return Condition.WELL, words
         if not self.heard(now_s):
             return Condition.DOUBT, f'no status for {self._silence_s:g} s'
         if shelved:  # a detector that is silent calls all the same

@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 
 from hunt_ros.errors import not_installed
 from hunt_ros.nodes.support.ending import Ending
-from hunt_ros.suite import NODES, SENSORS, SUITE
+from hunt_ros.suite import DRIVE, NODES, SENSORS, START_S, SUITE
 
 #: A start that lasts longer says where each thread is, s: it may hang in the middleware, and is
 #: ended after a minute (`cli.support.supervisor`).
@@ -35,7 +35,8 @@ def start(*nodes: str) -> NoReturn:
         Sensors, or modules in `hunt_ros.nodes`, which have `make_node`, in the order in which
         they start; they end in the opposite one.
     """
-    ending = Ending(nodes[0] if len(nodes) == 1 else SUITE)
+    name = nodes[0] if len(nodes) == 1 else SUITE
+    ending = Ending(name, START_S if DRIVE in nodes else 0.0)
     ending.say('starting')
     faulthandler.dump_traceback_later(_LONG_S)
     code = 1

@@ -8,6 +8,7 @@ point that the drive took is published on `speed/target`, and how things stand o
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -25,21 +26,15 @@ from std_srvs.srv import SetBool
 
 from hunt_ros.drivers.base import DriveBlock, DriveDriver
 from hunt_ros.drivers.command import DriveLimits
-from hunt_ros.drivers.interlock import Change, Heard, InterlockSettings
+from hunt_ros.drivers.interlock import Change, InterlockSettings
 from hunt_ros.drivers.safety_state import SafetyState, read
 from hunt_ros.drivers.speed_guard import SpeedGuard
 from hunt_ros.dynamics.parameters import RigParameters
-from hunt_ros.dynamics.profile import Motion, Profile
+from hunt_ros.dynamics.profile import Profile
 from hunt_ros.dynamics.profile.run import SET_POINT_S
 from hunt_ros.errors import ConfigError, DriverError, HuntError
 from hunt_ros.files import write_whole
-from hunt_ros.nodes.support.conversions import (
-    diagnostic,
-    joint_writer,
-    read_diagnostic,
-    to_ns,
-    twist,
-)
+from hunt_ros.nodes.support.conversions import diagnostic, heard_of, joint_writer, twist
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, NewSince, log, steady_clock
 from hunt_ros.nodes.support.driver_node import DriverNode
 from hunt_ros.nodes.support.hearing import CallWords, Channels
@@ -47,9 +42,10 @@ from hunt_ros.nodes.support.parameters import declare, warn_unknown
 from hunt_ros.nodes.support.qos import EVENTS, MEASUREMENTS, STATUS, latched, stream
 from hunt_ros.nodes.support.worker import Worker, answer_aside, offer
 from hunt_ros.rig import of_rig
-from hunt_ros.samples import NANOSECONDS, number_of
+from hunt_ros.samples import NANOSECONDS
 from hunt_ros.services import SERVICES
 from hunt_ros.settings import Settings, setting
+from hunt_ros.suite import AGAIN
 
 #: The interlock looks so often, s.
 _WATCH_S = 0.02
@@ -60,13 +56,8 @@ _LONGEST_STEP_S = 0.25
 #: An emergency stop has to show on the encoder within this, s.
 _CONFIRM_S = 0.5
 #: At the end the roller has this longer than its ramp to reach the safe speed, s; and it is there
-#: within this, m/s.
-_ENDING_S, _THERE_MPS = 10.0, 0.03
-#: Values of the detector's status that are the fields of `Motion`, in their order.
-_MOTION = (
-    *('amplitude_m', 'v_n_mps', 'v_c_mps', 'fold_amplitude_m', 'held_speed_mps', 'held_s'),
-    *('held_margin', 'held_escape_chance', 'forecast_v_c_low_mps'),
-)
+#: within this, m/s. A drive that was never heard is waited for so long, s.
+_ENDING_S, _THERE_MPS, _FIRST_S = 10.0, 0.03, 5.0
 _LEVELS = {'tripped': 'ERROR', 'disarmed': 'WARN', 'armed': 'OK'}
 
 
@@ -153,7 +144,8 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         self._note = ''
         self._diameter_m = self._config.roller_diameter_m or RigParameters.roller_diameter_m
         self._published = 0
-        self._ends_s: float | None = None  # when the node ends at the latest, steady clock
+        #: When the end was asked for, and when the node ends at the latest, steady clock.
+        self._asked_s, self._ends_s = math.inf, -math.inf
         self._new = NewSince()
         self._written = joint_writer(['roller'], self._config.frame_id, velocity=True)
         self._target = self.create_publisher(TwistStamped, 'speed/target', STATUS)
@@ -204,19 +196,20 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             found = read(Path(self._config.state_file)) if self._config.state_file else None
         except ConfigError as error:
             return SafetyState(), str(error)
-        return found or SafetyState(), ''
+        lost = found is None and AGAIN in os.environ
+        return found or SafetyState(), 'the speed node ended, and its state is gone' * lost
 
     def _keep(self, stopping: Event) -> None:
-        """Write what must outlive the process whenever it changes; try again what failed."""
-        path, unwritten = Path(self._config.state_file), ''
+        """Write what must outlive the process where it changes, fails to be, or was deleted."""
+        path, text, written = Path(self._config.state_file), '', ''
         while True:
             last = stopping.wait(_KEPT_S)
-            unwritten = self._to_keep.pop() if self._to_keep else unwritten
-            if unwritten and self._config.state_file:
+            text = self._to_keep.pop() if self._to_keep else text
+            if text and self._config.state_file and not (text == written and path.exists()):
                 try:
                     path.parent.mkdir(parents=True, exist_ok=True)
-                    write_whole(path, unwritten, 'safety state')
-                    unwritten = ''
+                    write_whole(path, text, 'safety state')
+                    written = text
                     self._diagnostics.done('safety state')
                 except (HuntError, OSError) as error:
                     self._diagnostics.failed('safety state', error)
@@ -414,21 +407,23 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         """Take the roller to where it is safe; return True when it is there, or cannot be."""
         guard, now_s = self._guard, time.monotonic()
         left_alone = math.isnan(guard.target_mps) and not guard.command.forced
-        unguarded = guard.interlock.state == 'disarmed' and left_alone
-        if unguarded or not self._config.slow_down_at_end or math.isinf(self._heard_s):
+        unguarded = left_alone and (guard.interlock.state == 'disarmed' or self._worker is None)
+        if unguarded or not self._config.slow_down_at_end:
             return True
         # Again and again: no rearm ends it. Nobody watches where who started this one has died.
         speed_mps, safe_mps = guard.readings.speed_mps, guard.end(self.abandoned)
-        if self._ends_s is None:
+        lasts_s, self._asked_s = _FIRST_S, min(now_s, self._asked_s)
+        if not math.isnan(speed_mps):
             ramp_s = max(0.0, speed_mps - safe_mps) / guard.command.limits.safe_deceleration_mps2
-            self._ends_s = now_s + min(ramp_s + _ENDING_S, self.winding_s - 1.0)
+            lasts_s = min(ramp_s + _ENDING_S, self.winding_s - 1.0)
+        self._ends_s = max(self._ends_s, self._asked_s + lasts_s)
         if guard.measured_mps <= safe_mps + _THERE_MPS:
             return True
         if now_s > self._ends_s:
-            self.failed = (
-                f'ended, and the roller may still run at {speed_mps:.2f} m/s, expected'
-                f' {safe_mps:.2f} m/s: use the hard-wired stop'
-            )
+            runs = f'may still run at {speed_mps:.2f} m/s, expected {safe_mps:.2f} m/s'
+            if math.isnan(speed_mps):
+                runs = f'may turn: {self._absence() or "the drive has told no speed"}'
+            self.failed = f'ended, and the roller {runs}: use the hard-wired stop'
         return bool(self.failed)
 
     def _absence(self) -> str:
@@ -441,7 +436,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         """Publish how things stand."""
         level, text = self._present()
         values = self._guard.values(self._active.is_set())
-        values['interlock_since_ns'] = self._since_ns
+        values |= {'interlock_since_ns': self._since_ns, 'ending': self._asked_s < math.inf}
         now_ns = self.get_clock().now().nanoseconds
         self._status.publish(
             diagnostic(now_ns, 'roller_speed', level, text, values, self.get_namespace()[1:])
@@ -449,7 +444,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
 
     def _present(self) -> tuple[str, str]:
         guard = self._guard
-        if self._ends_s is not None and not guard.trouble()[1]:
+        if self._asked_s < math.inf and not guard.trouble()[1]:
             way = f'{guard.measured_mps:.2f} m/s on the way to {guard.command.forced_mps:.2f} m/s'
             return 'OK', f'ending: {way}'
         return guard.present(self._active.is_set())
@@ -470,24 +465,6 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         elif level == 'OK' and self._active.is_set():
             text = f'{guard.readings.speed_mps:.2f} m/s'
         return level, text, values
-
-
-def heard_of(message: DiagnosticArray) -> Heard:
-    """Return what a message of the detector says; what is no number is not known."""
-    said = read_diagnostic(message)
-    motion = Motion(*(number_of(said, name) for name in _MOTION))
-    sequence = said.get('sequence', '')
-    return Heard(
-        said.get('level', 'STALE'),
-        int(sequence) if sequence.isdecimal() else 0,
-        to_ns(message.header.stamp),
-        said.get('message', ''),
-        number_of(said, 'envelope_m'),
-        motion,
-        said.get('alarm') == 'True',
-        said.get('state') in ('escaping', 'limit_cycle'),
-        number_of(said, 'noise_floor_m'),
-    )
 
 
 def _done(refusal: str) -> str:

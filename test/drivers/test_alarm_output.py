@@ -125,6 +125,11 @@ def test_who_is_silent_calls_whatever_is_shelved() -> None:
         told.hear_drive(101.0, SHELVED)
         assert told.look(101.1), 'of the detector alone'
         assert (told.condition, told.cause) == (DOUBT, 'no status for 1 s')
+    call = _call('OK')
+    call.hear_drive(100.0, {'ending': 'True'})
+    call.hear(101.0, {'level': 'STALE', 'message': 'why'})
+    assert not call.look(103.0), 'the speed node was asked to end'
+    assert call.look(131.0), 'and somebody else was not'
     call = _call('ERROR')
     assert not call.look(1e6), 'what was an alarm is one while nobody speaks'
     call = Call(1.0, 0.0)

@@ -24,8 +24,7 @@ from hunt_ros.drivers.safety_state import SafetyState
 from hunt_ros.drivers.speed_guard import SpeedGuard
 from hunt_ros.dynamics.profile import Profile
 from hunt_ros.errors import DriverError
-from hunt_ros.nodes.roller_speed import heard_of
-from hunt_ros.nodes.support.conversions import diagnostic
+from hunt_ros.nodes.support.conversions import diagnostic, heard_of
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'faults.md'
 RUNNING = 6.0

@@ -71,7 +71,9 @@ def test_a_node_that_waits_for_its_hardware_ends(graph) -> None:
     graph.spin_until(
         lambda: ('roller_speed', '/rig') in graph.node.get_node_names_and_namespaces()
     )
-    assert graph.end('roller_speed', signal.SIGTERM) == 0
+    # Whether the roller turns nobody knows.
+    assert graph.end('roller_speed', signal.SIGTERM) == 2
+    assert 'the roller may turn: ' in text(graph, 'roller_speed').splitlines()[-1]
 
 
 def test_the_speed_node_takes_the_roller_to_the_safe_speed_before_it_ends(graph) -> None:
@@ -183,6 +185,17 @@ def test_a_stop_of_before_is_in_force_from_the_first_word_on(graph, tmp_path) ->
     graph.spin_until(lambda: health)
     assert health[0]['level'] == 'ERROR'
     assert 'emergency stop is in force' in health[0]['message']
+
+
+def test_a_state_that_can_be_neither_read_nor_written_is_said_once(graph, tmp_path) -> None:
+    health = graph.told()
+    graph.start('roller_speed', port=graph.port, state_file=str(tmp_path))  # a folder
+    graph.spin_until(lambda: health.says('safety state failed'))
+    count = len(health)
+    graph.spin_until(lambda: len(health) > count + 3)  # it has been tried again
+    assert health.last['level'] == 'ERROR'
+    assert text(graph, 'roller_speed').count('safety state: ') == 1
+    assert 'Traceback' not in text(graph, 'roller_speed')
 
 
 def test_a_device_that_refuses_is_no_start_that_waits(graph, modbus_server) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import pty
+import shutil
 import signal
 import subprocess
 import threading
@@ -66,13 +67,18 @@ class Run:
         self.words += ['--one-process'] * one_process
         self.screen = ''
 
-    def start(self, **streams: object) -> None:
+    def begin(self, **streams: object) -> None:
+        """Start it on a rig that turns, and wait for nothing else."""
         given: dict = {'stdout': subprocess.PIPE, 'stderr': subprocess.STDOUT, **streams}
+        self.graph.spin_until(lambda: self.speed is not None)
         self.hunt = subprocess.Popen(self.words, text=True, start_new_session=True, **given)
         if self.hunt.stdout is not None:
             threading.Thread(target=self._read, daemon=True).start()
+
+    def start(self, **streams: object) -> None:
+        """... and wait until it is guarded."""
+        self.begin(**streams)
         self.graph.spin_until(self._guarded, 60.0)
-        self.graph.spin_until(lambda: self.speed is not None)
         assert self.speed == pytest.approx(SPEED, abs=0.1)
 
     def _guarded(self) -> bool:
@@ -314,6 +320,7 @@ def test_somebody_is_called_when_the_alarm_outputs_are_gone(run, graph, called) 
     graph.spin_until(lambda: calls()[-1].startswith('well: '), 60.0)
     assert rig.child('alarm_outputs') != before
     assert rig.end() == 0
+    assert calls()[-1].startswith('well: '), 'an end that was asked for calls nobody'
 
 
 def _killed(rig: Run) -> None:
@@ -370,6 +377,30 @@ def test_a_rig_file_that_is_spoilt_while_it_runs_keeps_no_guard_away(run, graph)
     for path in (graph.folder / 'rig.yaml', graph.folder / 'profile.yaml'):
         path.write_text('nonsense: [')
     rig.kill('roller_speed')
+    rig.until_safe()
+    assert rig.end() == 0
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGKILL])
+def test_a_run_that_ends_while_its_guard_starts_leaves_no_roller_at_speed(
+    run, graph, number
+) -> None:
+    rig = run()
+    rig.begin()
+    graph.spin_until(lambda: children(rig.hunt.pid, 'roller_speed'))
+    code = rig.end(number)
+    rig.until_safe(0.0)  # no form has been heard
+    assert code == (0 if number == signal.SIGINT else -number), rig.screen
+
+
+def test_a_folder_that_is_deleted_takes_the_state_of_no_guard_with_it(run, graph) -> None:
+    rig = run()
+    rig.start()
+    graph.spin_until(lambda: list((graph.folder / 'recordings').glob('.*_state.json')))
+    os.kill(rig.child('roller_speed'), signal.SIGSTOP)  # it does not write it again
+    shutil.rmtree(graph.folder / 'recordings', ignore_errors=True)
+    rig.kill('roller_speed')
+    graph.spin_until(lambda: rig.status['interlock_state'] == 'tripped', 60.0)
     rig.until_safe()
     assert rig.end() == 0
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-import math
 import os
 import signal
 import socket
@@ -33,7 +32,16 @@ from typing import IO, Any
 from hunt_ros.cli.support.processes import NodeSpec, claim_domain, require_ros
 from hunt_ros.drivers.alarm_output import AlarmOutput, Condition
 from hunt_ros.errors import HuntError
-from hunt_ros.suite import ALARM_OUTPUTS, DRIVE, GUARDS, OPTIONAL, SIMULATOR, START_S, SUITE
+from hunt_ros.suite import (
+    AGAIN,
+    ALARM_OUTPUTS,
+    DRIVE,
+    GUARDS,
+    OPTIONAL,
+    SIMULATOR,
+    START_S,
+    SUITE,
+)
 
 _PR_SET_PDEATHSIG = 1
 #: What ends a run; all of them let it take the roller down and close its recording.
@@ -226,7 +234,7 @@ class Supervisor:
                 stdout=subprocess.PIPE if spec.piped else log,
                 stderr=log,
                 text=True,
-                env=self.environment,
+                env=self.environment | ({AGAIN: '1'} if child.began_s else {}),
                 start_new_session=True,
                 preexec_fn=_in_child,
             )
@@ -343,28 +351,20 @@ class Supervisor:
             self._wait(guard, meanwhile)
             if self._hurry or guard.ended() in range(256):
                 break
-            # It was killed on its way: it starts tripped, and is asked again once it listens.
+            # It was killed on its way: it starts tripped, and goes on where it has started.
             guard.put_off()
             with contextlib.suppress(OSError):
                 self._launch(guard)
-            self._wait(guard, meanwhile, START_S)
-            guard.pass_on(signal.SIGINT)
+                guard.pass_on(signal.SIGINT)
         if guard.runs:
             guard.pass_on(signal.SIGKILL)
             guard.wait(_GRACE_S[signal.SIGKILL])
             return 'ended at once'
-        words = self._last_line(DRIVE)
-        again = guard.failures and 'ended while starting' in words  # it never came to it
-        return '' if guard.ended() == 0 and not again else words
+        return '' if guard.ended() == 0 else self._last_line(DRIVE)
 
-    def _wait(
-        self, guard: _Child, meanwhile: Callable[[], object], most_s: float = math.inf
-    ) -> None:
-        """Wait until a guard has ended; where there is a limit, s, only until it is heard."""
-        deadline = time.monotonic() + most_s
-        while guard.runs and not self._hurry and time.monotonic() < deadline:
-            if most_s < math.inf and guard.patience == _SILENT:
-                break
+    def _wait(self, guard: _Child, meanwhile: Callable[[], object]) -> None:
+        """Wait until a guard has ended."""
+        while guard.runs and not self._hurry:
             if guard.stands_still:
                 guard.pass_on(signal.SIGKILL)
             with contextlib.suppress(OSError, HuntError):

@@ -13,7 +13,9 @@ from geometry_msgs.msg import TwistStamped
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
-from hunt_ros.samples import NANOSECONDS, as_text
+from hunt_ros.drivers.interlock import Heard
+from hunt_ros.dynamics.profile import Motion
+from hunt_ros.samples import NANOSECONDS, as_text, number_of
 from hunt_ros.sensors import CHANNEL_FIELDS, JOINT_STATE, TWIST_STAMPED
 
 #: Level of the design -> level of diagnostic_msgs.
@@ -23,6 +25,11 @@ LEVELS: dict[str, bytes] = {
     'ERROR': DiagnosticStatus.ERROR,
     'STALE': DiagnosticStatus.STALE,
 }
+#: Values of the detector's status that are the fields of `Motion`, in their order.
+_MOTION = (
+    *('amplitude_m', 'v_n_mps', 'v_c_mps', 'fold_amplitude_m', 'held_speed_mps', 'held_s'),
+    *('held_margin', 'held_escape_chance', 'forecast_v_c_low_mps'),
+)
 _NAMES = {level: name for name, level in LEVELS.items()}
 
 
@@ -200,3 +207,21 @@ def read_diagnostic(message: DiagnosticArray) -> dict[str, str]:
     texts['message'] = status.message
     texts |= {pair.key: pair.value for pair in status.values}
     return texts
+
+
+def heard_of(message: DiagnosticArray) -> Heard:
+    """Return what a message of the detector says; what is no number is not known."""
+    said = read_diagnostic(message)
+    motion = Motion(*(number_of(said, name) for name in _MOTION))
+    sequence = said.get('sequence', '')
+    return Heard(
+        said.get('level', 'STALE'),
+        int(sequence) if sequence.isdecimal() else 0,
+        to_ns(message.header.stamp),
+        said.get('message', ''),
+        number_of(said, 'envelope_m'),
+        motion,
+        said.get('alarm') == 'True',
+        said.get('state') in ('escaping', 'limit_cycle'),
+        number_of(said, 'noise_floor_m'),
+    )

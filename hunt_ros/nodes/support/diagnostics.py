@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from hunt_ros.errors import one_line
+from hunt_ros.errors import HuntError, one_line
 from hunt_ros.nodes.support.conversions import diagnostic
 from hunt_ros.nodes.support.qos import STATUS
 from hunt_ros.suite import START_S, Awaited
@@ -70,11 +70,13 @@ class Diagnostics:
         self._beside[what] = health, hardware
 
     def failed(self, task: str, error: Exception) -> None:
-        """Say from now on that a task failed (in any thread); the log has the traceback."""
-        reason = one_line(error)
+        """Say from now on that a task failed (in any thread); the log has what nobody expected."""
+        before, reason = self._failures.get(task), one_line(error)
         self._failures[task] = reason
-        trace = ''.join(traceback.format_exception(error))
-        self._node.get_logger().error(f'{task}: {reason}\n{trace}')
+        expected = isinstance(error, HuntError | OSError)
+        trace = '' if expected else '\n' + ''.join(traceback.format_exception(error))
+        if reason != before:
+            self._node.get_logger().error(f'{task}: {reason}{trace}')
 
     def done(self, task: str) -> None:
         """Say no longer that a task failed: it has been done since."""

@@ -36,6 +36,9 @@ class Ending:
     ----------
     name : str
         Of the node, before what is said of it.
+    unsafe_s : float
+        Other than 0: until it closes, nobody knows that the rig is safe. Its start goes on for so
+        long, so that it takes the rig to where it is safe, and another end is a failure.
 
     Attributes
     ----------
@@ -45,11 +48,11 @@ class Ending:
         What the main thread is doing, for the operator.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, unsafe_s: float = 0.0) -> None:
         self.asked = threading.Event()
         self.doing = 'starting'
         self._name = name
-        self._patient = True
+        self._unsafe_s, self._patient = unsafe_s, not unsafe_s
         self._until_s = 0.0
         self._pipe, wakeup = os.pipe()
         os.set_blocking(wakeup, False)
@@ -78,6 +81,8 @@ class Ending:
             False: another signal ends it at once.
         """
         self.doing, self._patient = doing, patient
+        if patient:  # it is closing
+            self._unsafe_s = 0.0
         self._until_s = time.monotonic() + within_s
 
     def leave(self, code: int) -> NoReturn:
@@ -90,7 +95,7 @@ class Ending:
     def _listen(self) -> None:
         os.read(self._pipe, 1)
         asked_s = time.monotonic()
-        self._until_s = asked_s + _NOTICE_S
+        self._until_s = asked_s + (self._unsafe_s or _NOTICE_S)
         self.asked.set()
         while (left_s := self._until_s - time.monotonic()) > 0.0:
             again = select.select([self._pipe], [], [], min(left_s, 0.2))[0]
@@ -98,4 +103,4 @@ class Ending:
             if again and os.read(self._pipe, 64) and late and not self._patient:
                 break
         self.say(f'ended while {self.doing}')
-        self.leave(0)
+        self.leave(1 if self._unsafe_s else 0)
