@@ -17,6 +17,11 @@ from hunt_ros.drivers.alarms import Shelved
 from hunt_ros.errors import ConfigError
 
 _MOST_LINES = 200
+#: What a file of any content raises.
+_DAMAGED = (
+    *(ArithmeticError, AttributeError, LookupError, OSError),
+    *(RecursionError, TypeError, ValueError),
+)
 
 
 @dataclass(frozen=True)
@@ -89,6 +94,6 @@ def read(path: Path) -> SafetyState | None:
         state.to_json()  # what is read can be written again
     except FileNotFoundError:
         return None
-    except (ArithmeticError, AttributeError, OSError, LookupError, TypeError, ValueError) as error:
+    except _DAMAGED as error:
         raise ConfigError(f'{path}: cannot read the safety state ({error})') from error
     return state

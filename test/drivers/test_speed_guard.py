@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from hunt_ros.drivers.command import DriveLimits
 from hunt_ros.drivers.interlock import InterlockSettings
 from hunt_ros.drivers.safety_state import SafetyState, read
 from hunt_ros.drivers.speed_guard import SpeedGuard
+from hunt_ros.dynamics.profile import Hold, Profile
+from hunt_ros.errors import ConfigError
 
 
 class _Slow:
@@ -53,7 +56,7 @@ def test_who_was_disarmed_by_a_person_stays_so_and_not_by_a_parameter_of_before(
     before.arm(0, False)
     (tmp_path / 'state').write_text(before.unsaved(running=False))
     after = SpeedGuard(DriveLimits(), InterlockSettings(), 0.0, read(tmp_path / 'state'))
-    assert after.interlock.state == state
+    assert (after.interlock.state, after.interlock.goal_mps) == (state, math.inf)
 
 
 @pytest.mark.parametrize('mps', [0.0, 3.0, 6.0])
@@ -61,6 +64,7 @@ def test_who_was_disarmed_by_a_person_stays_so_and_not_by_a_parameter_of_before(
 def test_a_speed_node_that_was_killed_sets_no_roller_going(mps, rearm) -> None:
     """It starts tripped, with the safe speed of before; the roller may stand."""
     guard, drive = _guard(SafetyState(running=True, safe_mps=4.5)), _Slow()
+    assert guard.interlock.goal_mps == 4.5
     guard.reconfigure(0, InterlockSettings(interlock='off'))
     for step in range(1, 100):
         now_ns = step * 50_000_000
@@ -73,6 +77,52 @@ def test_a_speed_node_that_was_killed_sets_no_roller_going(mps, rearm) -> None:
         guard.decide(now_ns, now_ns, True, True)
     assert all(b <= a for a, b in itertools.pairwise([mps, *drive.taken]))
     assert not drive.taken if rearm else drive.taken[-1] == min(mps, 4.5)
+
+
+@pytest.mark.parametrize('text', ['', '{"running": 7', '7', '[' * 100_000, '\udcff', '{}'])
+def test_a_file_of_any_content_is_a_state_or_damaged(tmp_path, text) -> None:
+    path = tmp_path / 'state'
+    path.write_bytes(text.encode(errors='surrogateescape'))
+    with pytest.raises(ConfigError, match='cannot read the safety state'):
+        read(path)
+
+
+def test_a_set_point_falls_by_the_time_since_the_one_that_the_drive_has() -> None:
+    guard, drive, begin_ns = _guard(), _Slow(), 7_000_000_000
+    guard.post(8.0, begin_ns)
+    guard.hand_over(drive)
+    guard.command.taken(8.0)
+    guard.command.trip(6.0, 8.0)
+    for now_ms in (100, 200):  # the first one is replaced before the drive takes it
+        now_ns = begin_ns + now_ms * 1_000_000
+        guard.decide(now_ns, now_ns, True, True)
+    assert guard.hand_over(drive) == pytest.approx(7.8)
+    now_ns += 50_000_000
+    guard.decide(now_ns, now_ns, True, True)
+    assert guard.hand_over(drive) == pytest.approx(7.75)
+
+
+def test_what_a_drive_said_before_it_fell_silent_is_not_its_speed() -> None:
+    silent_s = [0.0]
+    guard = SpeedGuard(
+        DriveLimits(), InterlockSettings(), 0.0, SafetyState(), silent_s=lambda: silent_s[0]
+    )
+    speeds, stamps_ns = np.array([3.0]), np.array([1])
+    guard.readings.take(0.0, DriveBlock(stamps_ns, np.array([np.nan]), speeds))
+    assert guard.measured_mps == 3.0
+    silent_s[0] = 9.0
+    assert math.isnan(guard.measured_mps)
+    assert guard.trouble() == ('STALE', 'the drive has sent nothing for 9.0 s')
+
+
+def test_a_profile_starts_by_itself_in_an_active_node_alone() -> None:
+    settings = InterlockSettings(interlock='off')
+    guard = SpeedGuard(DriveLimits(), settings, 0.0, SafetyState(), autostart=True)
+    guard.command.load(Profile((Hold(5.0, 1.0),)))
+    guard.decide(1, 1, False, True)
+    assert (guard.autostart, guard.command.state) == (True, 'idle')
+    guard.decide(1, 1, True, True)
+    assert (guard.autostart, guard.command.state) == (False, 'running')
 
 
 @pytest.mark.parametrize('seed', range(20))
