@@ -105,18 +105,20 @@ def run(arguments: argparse.Namespace) -> int:
         View(namespace, rig.speed_unit) as view,
     ):
         console = Console(supervisor, view, names)
-        common: dict[str, object] = {'use_sim_time': True} if arguments.sim_time else {}
-        suite.start_nodes(supervisor, names, common, parameters, files, arguments.one_process)
-        view.say(f'{len(names)} nodes under /{namespace}; logs in {supervisor.logs}')
-        view.say(f'normal form: {form or "none yet, the first recording gives one"}')
-        if arguments.page is not None:  # a process of its own: the rig runs on without it
-            view.say(suite.start_page(supervisor, arguments.page, folder, common, files))
-        if alarms:
-            view.say(f'an alarm calls by {" and ".join(alarms)}; tested last: {_tested(tested)}')
-        words = [word for word, service in SERVICES.items() if service.node in names]
-        view.say(f'from another terminal: hunt call {" | ".join(words)}')
-        ends = math.inf if arguments.duration is None else began + arguments.duration
         try:
+            common: dict[str, object] = {'use_sim_time': True} if arguments.sim_time else {}
+            suite.start_nodes(supervisor, names, common, parameters, files, arguments.one_process)
+            view.say(f'{len(names)} nodes under /{namespace}; logs in {supervisor.logs}')
+            view.say(f'normal form: {form or "none yet, the first recording gives one"}')
+            if arguments.page is not None:  # a process of its own: the rig runs on without it
+                view.say(suite.start_page(supervisor, arguments.page, folder, common, files))
+            if alarms:
+                view.say(
+                    f'an alarm calls by {" and ".join(alarms)}; tested last: {_tested(tested)}'
+                )
+            words = [word for word, service in SERVICES.items() if service.node in names]
+            view.say(f'from another terminal: hunt call {" | ".join(words)}')
+            ends = math.inf if arguments.duration is None else began + arguments.duration
             with console:
                 while (left_s := ends - time.monotonic()) > 0.0:
                     for _ in console.lines(min(left_s, _LOOK_S)):

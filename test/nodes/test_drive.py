@@ -109,7 +109,7 @@ KEYS = {
     'profile_remaining_s', 'interlock', 'interlock_state', 'interlock_cause',
     'interlock_since_ns', 'emergency_stop', 'safe_speed_mps', 'speed_ceiling_mps', 'alarm_kept',
     'interlock_code', 'shelved',
-    'displacement_m',
+    'displacement_m', 'ending',
 }  # fmt: skip
 
 

@@ -203,6 +203,22 @@ def test_a_guard_that_stands_still_is_started_again_unless_all_are_silent(
         os.kill(supervisor.pids()['alarm_outputs'], signal.SIGKILL)  # it hears nothing else
 
 
+class _Swallows:
+    def __del__(self) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.01)  # what is raised here is lost
+
+
+def test_an_interrupt_at_any_moment_ends_the_run(tmp_path: Path) -> None:
+    with Supervisor('rig', tmp_path / 'logs', private=False) as supervisor:
+        supervisor.start(_Sleeper('yaw_sensor'))
+        assert supervisor.look() == []
+        _Swallows()
+        for again in (supervisor.look, lambda: supervisor.start(_Sleeper('lateral_sensor'))):
+            with pytest.raises(KeyboardInterrupt):
+                again()
+
+
 def test_one_that_ends_while_it_is_looked_at_does_not_stand_still(tmp_path, monkeypatch) -> None:
     with Supervisor('rig', tmp_path / 'logs', private=False) as supervisor:
         supervisor.start(_Sleeper('yaw_sensor'))

@@ -15,7 +15,6 @@ from hunt_ros.cli.support.processes import NodeSpec
 from hunt_ros.cli.support.suite import start_page
 from hunt_ros.cli.support.supervisor import Supervisor
 from hunt_ros.cli.support.view import View
-from hunt_ros.compiled import compile_all
 from hunt_ros.detection import DetectorConfig
 from hunt_ros.detection.offline import config_for
 from hunt_ros.samples import CHANNELS, Record
@@ -46,7 +45,6 @@ def replay_live(
         If a rig publishes the same topics, or the recording fits no detector.
     """
     detector = _detector(arguments, record, settings)
-    compile_all()  # before the recording runs: a node compiles nothing
     begun, played, ends = False, False, math.inf
     namespace, page = arguments.namespace or 'rig', arguments.page
     with (

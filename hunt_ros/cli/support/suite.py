@@ -9,7 +9,6 @@ from pathlib import Path
 
 from hunt_ros.cli.support.processes import NodeSpec
 from hunt_ros.cli.support.supervisor import Supervisor
-from hunt_ros.compiled import compile_all
 from hunt_ros.dynamics.profile import Motion, Profile
 from hunt_ros.suite import GUARDS, PAGE, PAGE_PORT, SIMULATOR, SOURCES, SUITE
 
@@ -112,7 +111,6 @@ def start_nodes(
     one_process : bool
         True for all but the guards in one process, which takes less memory and less CPU.
     """
-    compile_all()  # here, where somebody may wait: a node compiles nothing
     alone = [name for name in names if name in GUARDS] if one_process else names
     for name in alone:
         values = {**common, **parameters.get(name, {})}

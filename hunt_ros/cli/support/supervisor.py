@@ -30,6 +30,7 @@ from types import FrameType, MappingProxyType
 from typing import IO, Any
 
 from hunt_ros.cli.support.processes import NodeSpec, claim_domain, require_ros
+from hunt_ros.compiled import compile_all
 from hunt_ros.drivers.alarm_output import AlarmOutput, Condition
 from hunt_ros.errors import HuntError
 from hunt_ros.suite import (
@@ -209,7 +210,13 @@ class Supervisor:
             Its name is new in this run.
         attach : callable
             Gets the process, each time that it is started.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            Where the end was asked for.
         """
+        self._interrupt()
         child = self._children[spec.module] = _Child(spec, attach)
         self._launch(child)
         child.spec = replace(spec, parameter_files=[self._kept(p) for p in spec.parameter_files])
@@ -264,7 +271,10 @@ class Supervisor:
         ------
         HuntError
             If a node refused its settings at its first start, or ended where nothing is kept.
+        KeyboardInterrupt
+            Where the end was asked for.
         """
+        self._interrupt()
         lines = [self._told.get() for _ in range(self._told.qsize())]
         for name, child in list(self._children.items()):
             if self._winding and name in GUARDS:
@@ -379,6 +389,7 @@ class Supervisor:
             _end([self._children.pop(name) for name in names if name in self._children])
 
     def __enter__(self) -> Supervisor:
+        compile_all()  # here, where somebody may wait and interrupt: a node compiles nothing
         if threading.current_thread() is threading.main_thread():
             for number in _ENDINGS:
                 ignored = signal.getsignal(number) is signal.SIG_IGN
@@ -391,9 +402,18 @@ class Supervisor:
         now_s = time.monotonic()
         if self._asked_s is None:
             self._asked_s = now_s
-            raise KeyboardInterrupt
-        if number == signal.SIGINT and now_s - self._asked_s > _SAME_S:
+        elif number == signal.SIGINT and now_s - self._asked_s > _SAME_S:
             self._hurry = True
+
+    def _interrupt(self) -> None:
+        """
+        End the run here where that was asked for.
+
+        What a signal raises by itself is lost in a callback of a library, or leaves a process
+        that has just been started to nobody.
+        """
+        if self._asked_s is not None and not self._winding:
+            raise KeyboardInterrupt
 
     def __exit__(self, *error: object) -> None:
         self._asked_s = self._asked_s or time.monotonic()  # no signal interrupts the end
