@@ -7,6 +7,7 @@ Each becomes a table: named arrays, as the file holds them.
 from __future__ import annotations
 
 import csv
+import logging
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -381,7 +382,10 @@ def _read_tdms(path: Path) -> Table:
     from nptdms import TdmsFile
 
     table = Table()
+    logging.getLogger('nptdms').setLevel(logging.ERROR)  # a file that was cut is said here
     with TdmsFile.read(path) as file:
+        if file.file_status.incomplete_final_segment:
+            table.left_out = 'the end of the last segment, which was cut'
         channels = [channel for group in file.groups() for channel in group.channels()]
         names = [channel.name for channel in channels]
         for channel in channels:
@@ -399,14 +403,25 @@ def _read_tdms(path: Path) -> Table:
 
 
 def _read_parquet(path: Path) -> Mapping[str, Any]:
+    import pyarrow
     from pyarrow import parquet
 
     table = parquet.read_table(path)
-    columns = {}
+    columns: dict[str, Any] = {}
     for name in table.column_names:
         column = table.column(name)
         absent = column.is_null().to_numpy()
-        values = column.fill_null(0).to_numpy() if absent.any() else column.to_numpy()
+        values = column.to_numpy()  # what is absent is NaN, NaT or None in it
+        if values.dtype.kind == 'm':
+            values = values / np.timedelta64(1, 's')
+        if values.dtype == object:  # decimals, numbers as text; or words, times of day, lists
+            try:
+                values = values.astype(np.float64)
+            except (TypeError, ValueError):
+                columns[name] = BagError(f'{name} is of type {column.type}, expected numbers')
+                continue
+        elif absent.any() and pyarrow.types.is_integer(column.type):
+            values = column.fill_null(0).to_numpy()  # all digits of a stamp
         columns[name] = np.ma.MaskedArray(values, absent) if absent.any() else values
     return columns
 

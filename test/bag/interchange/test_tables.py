@@ -369,3 +369,43 @@ def test_any_name_is_a_name_of_an_array(bag: Path, record, tmp_path: Path, name)
     export_file(bag, tmp_path / 'a.npz', [f'{name}=/rig/yaw'])
     with np.load(tmp_path / 'a.npz') as found:
         np.testing.assert_array_equal(found[name], record['yaw'].values)
+
+
+def test_columns_of_parquet_that_are_no_numbers_harm_no_other(tmp_path: Path) -> None:
+    pyarrow = pytest.importorskip('pyarrow')
+    parquet = pytest.importorskip('pyarrow.parquet')
+    from decimal import Decimal
+
+    columns = {
+        't': pyarrow.array(np.arange(4) * 500_000, pyarrow.duration('us')),
+        'lateral': pyarrow.array([Decimal('0.001'), None, Decimal('0.003'), Decimal('0.004')]),
+        'speed': pyarrow.array(['7', '7', '7.5', '7']),
+        'remark': pyarrow.array(['start', None, None, 'end']),
+    }
+    parquet.write_table(pyarrow.table(columns), tmp_path / 'a.parquet')
+    record = load_record(tmp_path / 'a.parquet')
+    np.testing.assert_array_equal(record['lateral'].values, [0.001, 0.003, 0.004])
+    np.testing.assert_array_equal(np.diff(record['lateral'].stamps_ns), [10**9, 5 * 10**8])
+    np.testing.assert_array_equal(record['speed'].values, [7.0, 7.0, 7.5, 7.0])
+    with pytest.raises(BagError, match='remark is of type string, expected numbers'):
+        load_record(tmp_path / 'a.parquet', ['lateral=remark'])
+
+
+def test_a_recording_has_its_times(bag: Path) -> None:
+    with pytest.raises(BagError, match='has its times'):
+        load_record(bag, rate_hz=100.0)
+
+
+def test_a_tdms_file_that_was_cut_says_so(tmp_path: Path, capfd) -> None:
+    nptdms = pytest.importorskip('nptdms', reason='the extra tdms is not installed')
+    about = {'wf_increment': 0.01, 'unit_string': 'm'}
+    values = 1e-3 * np.sin(0.2 * np.arange(500))
+    with nptdms.TdmsWriter(tmp_path / 'a.tdms') as writer:
+        for _ in range(2):
+            writer.write_segment([nptdms.ChannelObject('a', 'lateral', values, properties=about)])
+    raw = (tmp_path / 'a.tdms').read_bytes()
+    (tmp_path / 'a.tdms').write_bytes(raw[:-800])
+    record = load_record(tmp_path / 'a.tdms')
+    np.testing.assert_array_equal(record['lateral'].values, np.tile(values, 2)[:900])
+    assert 'was cut' in record.notes['left_out']
+    assert not capfd.readouterr().err
