@@ -8,6 +8,7 @@ value that is no sensible number is refused by its type, before any work begins.
 from __future__ import annotations
 
 import argparse
+import difflib
 import math
 import os
 import re
@@ -287,10 +288,15 @@ def settings_of(arguments: argparse.Namespace, node: str, *kinds: type[_Kind]) -
     ConfigError
         Naming the file or word, and what was expected.
     """
-    from hunt_ros.rig import told_by
+    from hunt_ros.rig import PARAMETERS, parameters_of, told_by
 
     texts = rig_texts(arguments)
     known = {item.name: item.default for kind in kinds for item in fields(kind)}
+    for source, text in texts:
+        for name in parameters_of(node, text, source).keys() - known.keys() - PARAMETERS:
+            # A parameter of the node itself is no business of a replay; a slip of the pen is.
+            if near := difflib.get_close_matches(str(name), known, 1, 0.8):
+                raise ConfigError(f'{source}: section {node}: unknown {name}, expected {near[0]}')
     for word in arguments.set:
         name, equals, value = word.partition('=')
         if not equals or name not in known:
