@@ -12,7 +12,7 @@ has no such bound: for one message of 98 kB it asks for 3 GiB.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -76,20 +76,42 @@ class Block:
     places: dict[int, Places]
 
 
-def pack_messages(messages: dict[int, list[tuple[int, bytes]]]) -> Block:
-    """Make a block of loose messages: (log time, bytes) by topic."""
-    data: list[bytes] = []
-    position = 0
-    places: dict[int, Places] = {}
-    for topic, rows in messages.items():
-        lengths = np.fromiter((len(raw) for _, raw in rows), np.int64, len(rows))
-        starts = position + np.cumsum(lengths) - lengths
-        places[topic] = Places(
-            np.fromiter((stamp for stamp, _ in rows), np.int64, len(rows)), starts, lengths
-        )
-        data.extend(raw for _, raw in rows)
-        position += int(lengths.sum())
-    return Block(np.frombuffer(b''.join(data), dtype=np.uint8), places)
+def pack_messages(rows: Sequence[tuple[int, int, bytes]]) -> Block:
+    """Make a block of loose messages, (topic id, log time, bytes), in their order."""
+    lengths = np.fromiter((len(raw) for _, _, raw in rows), np.int64, len(rows))
+    starts = np.cumsum(lengths) - lengths
+    log_ns = np.fromiter((stamp for _, stamp, _ in rows), np.int64, len(rows))
+    keys = np.fromiter((key for key, _, _ in rows), np.int64, len(rows))
+    places = {}
+    for key in np.unique(keys).tolist():
+        own = keys == key
+        places[key] = Places(log_ns[own], starts[own], lengths[own])
+    return Block(np.frombuffer(b''.join(raw for _, _, raw in rows), dtype=np.uint8), places)
+
+
+def in_order(places: Mapping[int, Places]) -> list[tuple[int, int, int, int]]:
+    """Return (start, length, log time, topic id) of messages as they were written."""
+    return sorted(
+        (start, length, log_ns, key)
+        for key, part in places.items()
+        for log_ns, start, length in zip(*(one.tolist() for one in part), strict=True)
+    )
+
+
+def by_topic(
+    described: Mapping[int, Topic], found: Mapping[int, Places]
+) -> Iterator[tuple[Topic, Places]]:
+    """Yield topics and their messages as they were written: each publisher may have an id."""
+    several: dict[Topic, list[Places]] = {}
+    for key, places in found.items():
+        same = described[key]._replace(id=0, qos='', type_hash='')
+        several.setdefault(same, []).append(places)
+    for topic, parts in several.items():
+        joined = parts[0]
+        if len(parts) > 1:
+            order = np.argsort(np.concatenate([part.starts for part in parts]))
+            joined = Places(*(np.concatenate(one)[order] for one in zip(*parts, strict=True)))
+        yield topic, joined
 
 
 def expand_messages(block: Block, topics: Mapping[int, Topic], path: str) -> Block:
@@ -121,17 +143,16 @@ def expand_messages(block: Block, topics: Mapping[int, Topic], path: str) -> Blo
     if not packed:
         return block
     budget = LARGEST_CHUNK
-    messages: dict[int, list[tuple[int, bytes]]] = {key: [] for key in block.places}
-    for topic, places in block.places.items():
-        for stamp, start, length in zip(*(part.tolist() for part in places), strict=True):
-            raw = block.data[start : start + length].tobytes()
-            try:
-                raw = expand_zstd(raw, budget) if topic in packed else raw
-            except ValueError as error:
-                raise BagError(f'{path}: a message at {stamp} ns: {error}') from error
-            budget -= len(raw)
-            messages[topic].append((stamp, raw))
-    return pack_messages(messages)
+    rows = []
+    for start, length, stamp, topic in in_order(block.places):
+        raw = block.data[start : start + length].tobytes()
+        try:
+            raw = expand_zstd(raw, budget) if topic in packed else raw
+        except ValueError as error:
+            raise BagError(f'{path}: a message at {stamp} ns: {error}') from error
+        budget -= len(raw)
+        rows.append((topic, stamp, raw))
+    return pack_messages(rows)
 
 
 def strided(data: NDArray[np.uint8], kind: str, offset: int) -> NDArray[Any]:

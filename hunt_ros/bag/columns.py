@@ -6,13 +6,13 @@ Stamps and values of any numeric field as arrays, and the record of a rig.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from hunt_ros.bag.blocks import Places, Topic
+from hunt_ros.bag.blocks import Topic, by_topic
 from hunt_ros.bag.cdr.gather import Gathered, Wanted, gather
 from hunt_ros.bag.cdr.layout import PathError, joint_of, parse_path, stamp_path, usual_field
 from hunt_ros.bag.cdr.message_types import definitions_of
@@ -120,7 +120,7 @@ class _Reader:
         }
         plans: dict[tuple[str, str, str, str], Wanted] = {}
         for described, block in self.bag.blocks(set(self.topics.values())):
-            for topic, places in _by_topic(described, block.places):
+            for topic, places in by_topic(described, block.places):
                 for name, wanted in self.topics.items():
                     if wanted != topic.name:
                         continue
@@ -153,22 +153,6 @@ class _Reader:
                 raise BagError(f'{self.bag.path}: topic {topic.name}: {error}') from error
         alone = alone and not source.field
         return Wanted(definitions, topic.type, parse_path(joint[0]), stamp, joint[1], alone)
-
-
-def _by_topic(
-    described: Mapping[int, Topic], found: Mapping[int, Places]
-) -> Iterator[tuple[Topic, Places]]:
-    """Yield topics and their messages as they were written: each publisher may have an id."""
-    several: dict[Topic, list[Places]] = {}
-    for key, places in found.items():
-        same = described[key]._replace(id=0, qos='', type_hash='')
-        several.setdefault(same, []).append(places)
-    for topic, parts in several.items():
-        joined = parts[0]
-        if len(parts) > 1:
-            order = np.argsort(np.concatenate([part.starts for part in parts]))
-            joined = Places(*(np.concatenate(one)[order] for one in zip(*parts, strict=True)))
-        yield topic, joined
 
 
 class _ColumnBuffer:

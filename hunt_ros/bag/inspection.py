@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.blocks import Places
+from hunt_ros.bag.blocks import by_topic
 from hunt_ros.bag.channels import ChannelSource
 from hunt_ros.bag.columns import find_topic, read_record
 from hunt_ros.bag.plausible import wrong_unit
@@ -173,14 +173,9 @@ def _read_times(
         problems.append(Problem('damaged_chunk', str(error)))
 
     for topics, block in bag.blocks(bag.topics.keys(), damaged=found):
-        several: dict[str, list[Places]] = {}
-        for key, places in block.places.items():
-            several.setdefault(topics[key].name, []).append(places)
+        for topic, places in by_topic(topics, block.places):
+            parts.setdefault(topic.name, []).append(places.log_ns)
             done += places.log_ns.size
-        for name, channels in several.items():
-            # A topic may have a channel for each publisher: the order is that in the file.
-            starts, times = (np.concatenate([part[i] for part in channels]) for i in (1, 0))
-            parts.setdefault(name, []).append(times[np.argsort(starts, kind='stable')])
         advance(min(1.0, done / total))
     for file in bag.files:
         problems += [Problem(kind, f'{file.path}: {text}') for kind, text in file.remarks[:10]]

@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from hunt_ros.bag.blocks import in_order
 from hunt_ros.bag.cdr.message_types import standard_types
 from hunt_ros.bag.channels import ChannelSource
 from hunt_ros.bag.columns import find_topic
@@ -39,7 +40,7 @@ class Text(NamedTuple):
 
 def read_raw(bag: str | Path | Bag, topics: Collection[str]) -> Iterator[RawMessage]:
     """
-    Yield messages as they were on the wire, in the order of log time within each block.
+    Yield messages as they were on the wire, in the order in which they were written.
 
     Parameters
     ----------
@@ -56,12 +57,7 @@ def read_raw(bag: str | Path | Bag, topics: Collection[str]) -> Iterator[RawMess
     with opened(bag) as recording:
         names = {find_topic(recording, ChannelSource(name, name)) for name in topics}
         for described, block in recording.blocks(names):
-            rows = sorted(
-                (log_ns, start, length, key)
-                for key, places in block.places.items()
-                for log_ns, start, length in zip(*(p.tolist() for p in places), strict=True)
-            )
-            for log_ns, start, length, key in rows:
+            for start, length, log_ns, key in in_order(block.places):
                 topic = described[key]
                 data = block.data[start : start + length].tobytes()
                 yield RawMessage(topic.name, topic.type, log_ns, data)

@@ -116,7 +116,7 @@ class SqliteFile:
         damaged: Callable[[BagError], None] | None = None,
     ) -> Iterator[Block]:
         """
-        Yield the messages of these topics, in log order.
+        Yield the messages of these topics, in the order in which they were written.
 
         `damaged` is told where the file cannot be read on.
 
@@ -132,20 +132,21 @@ class SqliteFile:
         failure: Exception | None = None
         count = 1
         while count and failure is None:
-            messages: dict[int, list[tuple[int, bytes]]] = {}
-            count = size = 0
+            rows: list[tuple[int, int, bytes]] = []
+            size = 0
             try:
-                cursor = cursor or self._base.execute(f'{query} ORDER BY timestamp, id', [*wanted])
-                while count < _ROWS and size < _BYTES and (row := cursor.fetchone()) is not None:
+                cursor = cursor or self._base.execute(f'{query} ORDER BY id', [*wanted])
+                while len(rows) < _ROWS and size < _BYTES and (row := cursor.fetchone()):
                     key, stamp, raw = row
                     if not isinstance(raw, bytes):
                         raise ValueError(f'a message is a {type(raw).__name__}, expected bytes')
-                    messages.setdefault(key, []).append((stamp, raw))
-                    count, size = count + 1, size + len(raw)
+                    rows.append((key, stamp, raw))
+                    size += len(raw)
             except (sqlite3.Error, TypeError, ValueError, OverflowError) as error:
                 failure = error
+            count = len(rows)
             if count:
-                yield pack_messages(messages)
+                yield pack_messages(rows)
         if failure is not None:
             if damaged is None:
                 raise self._damage(failure) from failure

@@ -22,6 +22,7 @@ from rosbags.typesys import Stores, get_typestore
 from hunt_ros.bag import Bag, read_columns, read_record, write_record
 from hunt_ros.bag.bag_writer import quality_of_service
 from hunt_ros.bag.inspection import inspect
+from hunt_ros.bag.messages import read_raw
 from hunt_ros.bag.record_writer import serialise
 from hunt_ros.bag.repair import repair
 from hunt_ros.cli.main import main
@@ -399,6 +400,19 @@ def test_a_clock_that_is_set_back_changes_no_order_and_is_told(tmp_path, steps, 
     if steps != 'log':
         assert main(['check', str(tmp_path / 'a.mcap')]) == 1
         assert 'the clock jumps back by 3599.990 s' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('mode', [None, CompressionMode.MESSAGE], ids=['plain', 'packed'])
+def test_a_database_keeps_the_order_of_a_clock_that_is_set_back(tmp_path, mode) -> None:
+    stamps = BEGIN_NS + np.arange(400) * 10_000_000
+    stamps[200:] -= 3600 * 10**9
+    series = Series(stamps, np.arange(400.0))
+    write_rosbags(tmp_path / 'a', Record({'lateral': series, 'speed': series}), mode=mode)
+    found = read_record(tmp_path / 'a')
+    np.testing.assert_array_equal(found['lateral'].values, np.arange(400.0))
+    np.testing.assert_array_equal(found['speed'].stamps_ns, stamps)
+    raw = list(read_raw(tmp_path / 'a', ['lateral']))
+    assert [message.log_ns for message in raw] == stamps.tolist()
 
 
 def test_messages_of_two_publishers_stay_as_they_were_written(tmp_path) -> None:
