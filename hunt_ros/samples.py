@@ -203,11 +203,16 @@ class Uncertain:
 
     def text(self, between: str) -> str:
         """Return value and deviation with other words between them."""
-        places = self._places
-        if places is not None:
-            return f'{self.value:.{places}f}{between}{self.std:.{places}f}'
-        known_std = math.isfinite(self.value) and math.isfinite(self.std) and self.std > 0.0
-        return f'{self.value:.5g}' + (f'{between}{self.std:.2g}' if known_std else '')
+        if not (math.isfinite(self.value) and math.isfinite(self.std) and self.std > 0.0):
+            return f'{self.value:.5g}'
+        last = math.floor(math.log10(self.std)) - 1
+        power = math.floor(math.log10(max(abs(self.value), self.std)))
+        power = 0 if last >= -6 and power < 6 else power
+        value, std = (
+            f'{round(x, -last) / 10.0**power:.{max(0, power - last)}f}'
+            for x in (self.value, self.std)
+        )
+        return f'({value}{between}{std})e{power:+03d}' if power else f'{value}{between}{std}'
 
     def with_interval(self, unit: str = '') -> str:
         """Return value, unit and 95 % interval, e.g. '8.013 m/s (95 %: 7.931 to 8.095)'."""

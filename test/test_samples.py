@@ -120,6 +120,21 @@ def test_samples_are_put_in_order_and_those_that_are_none_left_out() -> None:
 
 
 @pytest.mark.parametrize(
+    ('value', 'std', 'text'),
+    [
+        (8.0128, 0.0421, '8.013 ± 0.042'),
+        (2671.6, 204.0, '2670 ± 200'),
+        (-5.4251e7, 3.9e6, '(-5.43 ± 0.39)e+07'),
+        (1.5e-9, 2e-10, '(1.50 ± 0.20)e-09'),
+        (0.0, 1e-3, '0.0000 ± 0.0010'),
+        (8.0128, math.nan, '8.0128'),
+    ],
+)
+def test_a_value_ends_with_the_second_digit_of_its_deviation(value, std, text) -> None:
+    assert str(Uncertain(value, std)) == text
+
+
+@pytest.mark.parametrize(
     ('number', 'text'),
     [
         (Uncertain(8.0128, 0.0421, 7.9312, 8.0951), '8.013 m/s (95 %: 7.931 to 8.095)'),
