@@ -60,10 +60,13 @@ def test_a_node_that_imports_says_so_and_ends_without_a_traceback(graph, number)
     graph.start('hunting_detector')
     graph.spin_until(lambda: text(graph, 'hunting_detector'))
     assert graph.end('hunting_detector', number) == 0
-    lines = text(graph, 'hunting_detector').splitlines()
-    assert lines[0] == 'hunting_detector: starting'
-    # Where the import is over within the notice, the node ends by itself and has nothing to say.
-    assert set(lines[1:]) <= {'hunting_detector: ended while starting'}
+    first, *rest = text(graph, 'hunting_detector').splitlines()
+    assert first == 'hunting_detector: starting'
+    # Where the import is over within the notice, the node ends by itself and has nothing to say;
+    # on a busy machine it has got anywhere by then.
+    ended = r'hunting_detector: ended while (starting|running|closing)'
+    assert len(rest) <= 1
+    assert all(re.fullmatch(ended, line) for line in rest), rest
 
 
 def test_a_node_that_waits_for_its_hardware_ends(graph) -> None:

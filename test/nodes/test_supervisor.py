@@ -11,17 +11,19 @@ import pty
 import shutil
 import signal
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import pytest
 from processes import HUNT, children
 
 from hunt_ros.cli.support.processes import NodeSpec
-from hunt_ros.cli.support.supervisor import Supervisor, _Child
+from hunt_ros.cli.support.supervisor import Supervisor, _Child, _in_child
 from hunt_ros.nodes.support.qos import STATUS, latched
 
 pytestmark = pytest.mark.slow
@@ -201,6 +203,15 @@ def test_a_guard_that_stands_still_is_started_again_unless_all_are_silent(
 
             machine.until(again)
         os.kill(supervisor.pids()['alarm_outputs'], signal.SIGKILL)  # it hears nothing else
+
+
+def test_a_process_whose_parent_died_before_it_could_be_told_is_interrupted() -> None:
+    words = [sys.executable, '-c', 'import signal as s; print(s.SIGINT in s.sigpending())']
+    for parent, interrupted in ((os.getpid(), 'False'), (1, 'True')):
+        done = subprocess.run(
+            words, capture_output=True, text=True, preexec_fn=partial(_in_child, parent)
+        )
+        assert done.stdout.strip() == interrupted
 
 
 class _Swallows:

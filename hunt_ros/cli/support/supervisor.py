@@ -23,7 +23,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from queue import Queue
 from types import FrameType, MappingProxyType
@@ -243,7 +243,7 @@ class Supervisor:
                 text=True,
                 env=self.environment | ({AGAIN: '1'} if child.began_s else {}),
                 start_new_session=True,
-                preexec_fn=_in_child,
+                preexec_fn=partial(_in_child, os.getpid()),
             )
         child.began_s, child.others = time.monotonic(), Counter()
         child.patience = _NEVER_HEARD * (2 if child.failures else 1)
@@ -438,8 +438,10 @@ def _end(children: Sequence[_Child]) -> None:
             child.wait(max(0.0, deadline - time.monotonic()))
 
 
-def _in_child() -> None:
+def _in_child(parent: int) -> None:
     """Hold signals back until the node listens, and be interrupted when the parent dies."""
     signal.pthread_sigmask(signal.SIG_BLOCK, _HELD_BACK)
     if sys.platform == 'linux':
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
+        if os.getppid() != parent:  # it has died already: nobody would say so
+            os.kill(os.getpid(), signal.SIGINT)
