@@ -332,6 +332,18 @@ def test_one_message_with_an_impossible_time_closes_no_channel(tmp_path, options
     assert any('impossible time' in text for text in problems(file))
 
 
+def test_a_chunk_that_claims_two_gigabytes_is_damaged_once(tmp_path) -> None:
+    file = recorded(tmp_path / 'a.mcap', 900, speed=True, chunk_size=20_000)
+    with Bag(file) as bag:
+        chunks = [chunk.offset for chunk in bag.files[0].layout.chunks]
+    data = bytearray(file.read_bytes())
+    struct.pack_into('<Q', data, chunks[1] + 1, 1 << 31)
+    file.write_bytes(data)
+    with Bag(file) as bag:
+        (told,) = (text for text in bag.problems if 'bytes' in text)
+    assert f'bytes {chunks[1]} to {chunks[2]}: ' in told
+
+
 def test_a_chunk_without_messages_does_not_begin_the_recording_in_1970(tmp_path) -> None:
     file = recorded(tmp_path / 'a.mcap', 50, compression=CompressionType.NONE)
     data = file.read_bytes()

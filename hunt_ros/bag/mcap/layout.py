@@ -146,7 +146,6 @@ class Layout:
             self.problems.append(f'bytes 0 to {position}: no magic bytes')
             self.lost_bytes += position
         while position < end and not self.ended:
-            following = bisect_right(chunks, position)
             try:
                 for opcode, offset, length in rec.records(self.view, position, end):
                     behind = offset + rec.RECORD.size + length
@@ -161,6 +160,7 @@ class Layout:
                 else:
                     break
             except ValueError as error:
+                following = bisect_right(chunks, position)
                 after = chunks[following] if following < len(chunks) else end
                 self.problems.append(f'bytes {position} to {after}: {error}')
                 self.lost_bytes += after - position
