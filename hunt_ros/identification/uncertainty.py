@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.dynamics.covariance_root import covariance_root, inverse_of
-from hunt_ros.dynamics.growth_law import TERMS, GrowthLaw, reading
+from hunt_ros.dynamics.growth_law import LINEAR, TERMS, GrowthLaw, reading
 from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.likelihood.trajectory_fit import TrajectoryFit
 from hunt_ros.identification.settings import IdentificationSettings
@@ -82,11 +82,27 @@ def _degrees(fit: TrajectoryFit) -> float:
     return min(_DEGREES, float(max(len(fit.own) - 1, 2))) if apart else _DEGREES
 
 
+def _stretched(covariance: NDArray[np.float64], by: float) -> NDArray[np.float64]:
+    """
+    Return the covariance with wider deviations of what the limit cycle tells, shape (11, 11).
+
+    That is of the terms in w where those of the linear growth are known: a law that misses the
+    limit cycle is no less right about rest.
+    """
+    linear = np.isin(np.arange(TERMS), LINEAR)
+    own, across = covariance[np.ix_(linear, linear)], covariance[np.ix_(~linear, linear)]
+    beyond = across @ np.linalg.pinv(own, hermitian=True) @ across.T
+    wide: NDArray[np.float64] = covariance.copy()
+    wide[np.ix_(~linear, ~linear)] += (by**2 - 1.0) * (wide[np.ix_(~linear, ~linear)] - beyond)
+    return wide
+
+
 def draw_laws(
     laws: Sequence[FittedLaw],
     settings: IdentificationSettings,
     stretch: float = 1.0,
     admissible: Callable[[GrowthLaw], bool] | None = None,
+    cycle: float = 1.0,
 ) -> tuple[NDArray[np.float64], float]:
     """
     Draw laws as the data leave them open: of each scale of departure by its share.
@@ -101,6 +117,8 @@ def draw_laws(
         Further factor on all deviations, for a law that does not fit.
     admissible : callable, optional
         Whether a law can be one of a rig, and of this one by what was seen.
+    cycle : float
+        Further factor on the deviations of what the limit cycle tells, for a law that misses it.
 
     Returns
     -------
@@ -116,7 +134,8 @@ def draw_laws(
     for number, one in enumerate(kept):
         share = max(round(_DRAWS * one.weight / total), 1)
         wanted = len(drawn) + share
-        root, degrees = covariance_root(law_covariance(one.fit)), _degrees(one.fit)
+        covariance = _stretched(law_covariance(one.fit), cycle)
+        root, degrees = covariance_root(covariance), _degrees(one.fit)
         generator = np.random.default_rng([settings.seed, number])
         normal = generator.standard_normal((_TRIES * share, TERMS))
         scale = np.sqrt(degrees / generator.chisquare(degrees, len(normal)))

@@ -7,7 +7,7 @@ import pytest
 from made import LAW
 
 from hunt_ros.analysis.steady_state import SteadyState
-from hunt_ros.dynamics.growth_law import QUINTIC, GrowthScales, from_normal_form, lawful
+from hunt_ros.dynamics.growth_law import QUINTIC, GrowthLaw, GrowthScales, from_normal_form, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.fit import DEPARTURES, _evidence, fit_laws, law_prior
@@ -22,7 +22,7 @@ from hunt_ros.identification.uncertainty import (
     law_covariance,
     summary,
 )
-from hunt_ros.identification.verdict.lack_of_fit import lack_of_fit, missed_transients
+from hunt_ros.identification.verdict.lack_of_fit import LackOfFit, lack_of_fit, missed_transients
 from hunt_ros.samples import Record, Series
 
 SETTINGS = IdentificationSettings()
@@ -67,6 +67,26 @@ def test_draws_that_no_rig_can_be_are_rejected_and_counted(fitted):
     assert len(some) == len(every)
     assert (some[:, 1] > middle).all()
     assert rejected == pytest.approx(0.5, abs=0.1)
+
+
+def test_a_limit_cycle_that_is_missed_widens_the_branch_and_leaves_the_critical_speed(fitted):
+    laws, _ = fitted
+    usual, wide = (
+        GrowthLaw(draw_laws(laws[:1], SETTINGS, cycle=cycle)[0], laws[0].law.scales)
+        for cycle in (1.0, 3.0)
+    )
+    v_c, fold = (
+        [np.nanstd(of(one)) for one in (usual, wide)]
+        for of in (lambda one: one.critical_speeds, lambda one: one.folds(5.0)[0])
+    )
+    assert v_c[1] == pytest.approx(v_c[0], rel=0.1)
+    assert 1.5 < fold[1] / fold[0] < 4.0
+
+
+def test_deviations_are_stretched_by_what_is_beyond_chance():
+    assert LackOfFit(p=0.5, share=0.004, ratio=1.2).stretch == 1.0
+    assert LackOfFit(p=0.001, share=0.004, ratio=6.25).stretch == 2.5
+    assert LackOfFit().stretch == 1.0
 
 
 def test_no_transient_of_the_law_itself_is_missed_and_those_of_another_are(fitted):

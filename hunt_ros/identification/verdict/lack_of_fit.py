@@ -23,6 +23,9 @@ from hunt_ros.identification.uncertainty import law_covariance
 #: more than this share of the amplitude.
 _LEVEL = 0.01
 _SHARE = 0.01
+#: Largest ratio of it and chance that deviations are stretched for: beyond it laws without an end
+#: of the growth are drawn.
+_MOST = 10.0
 #: Share of its variance that a direction of the residuals keeps at least: the covariance of a
 #: fit is not known to better.
 _LEAST_LEFT = 0.05
@@ -51,15 +54,30 @@ class LackOfFit:
         few steady states to tell.
     share : float
         RMS of the systematic discrepancy, relative to the amplitude.
+    ratio : float
+        Its mean square over that of chance.
     """
 
     p: float = math.nan
     share: float = 0.0
+    ratio: float = 1.0
 
     @property
     def flagged(self) -> bool:
         """Whether the law does not fit."""
         return self.p < _LEVEL and self.share > _SHARE
+
+    @property
+    def stretch(self) -> float:
+        """
+        Factor on the deviations of what the limit cycle tells, where the law misses it by more
+        than chance.
+
+        References
+        ----------
+        Birge, R. T. (1932), Phys. Rev. 40, 207-227.
+        """
+        return math.sqrt(min(max(self.ratio, 1.0), _MOST)) if self.p < _LEVEL else 1.0
 
 
 def lack_of_fit(
@@ -164,7 +182,8 @@ def _against_curve(
     left = np.concatenate([left, np.ones(4 - left.size)])
     ratio = float(np.sum((weight * fitted) ** 2)) / float(left.sum()) / pure
     terms = float(left.sum() ** 2 / np.sum(left**2))
-    return LackOfFit(float(stats.f.sf(ratio, terms, freedom)), float(np.sqrt(np.mean(fitted**2))))
+    share = float(np.sqrt(np.mean(fitted**2)))
+    return LackOfFit(float(stats.f.sf(ratio, terms, freedom)), share, ratio)
 
 
 def _weights(pure: float, error: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -164,9 +164,11 @@ def conclude(
     misfit = misfit_of(best, alike.hunting)
     failed = _misfits(best, evidence, alike, misfit, warnings)
     lacks = [failed[name] for name in ('fits', 'believed', 'agree') if name in failed]
-    # A misfit is a systematic error, in its proportion.
-    stretch = 1.0 + (min(misfit.share / 0.01, 10.0) if lacks else 0.0)
-    drawn, rejected = draw_laws(evidence.laws, settings, stretch, _admissible(evidence))
+    # A misfit is a systematic error: of all, in its proportion, where it is large, and of what the
+    # limit cycle tells, against chance, where it is seen at all.
+    stretch = 1.0 + min(misfit.share / 0.01, 10.0) if lacks else 1.0
+    cycle = 1.0 if lacks else misfit.stretch
+    drawn, rejected = draw_laws(evidence.laws, settings, stretch, _admissible(evidence), cycle)
     if rejected > _MANY:
         warnings.append(
             f'{100.0 * rejected:.0f} % of the laws around the fit are of no rig, or contradict'
