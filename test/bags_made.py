@@ -128,3 +128,32 @@ def write_rosbags(
                 writer.write(connection, at, bytes(message))
     (file,) = (name for name in path.iterdir() if name.name != 'metadata.yaml')
     return file
+
+
+def in_bursts(
+    series: Series,
+    size: int,
+    *,
+    jitter_s: float = 0.0,
+    inside_ns: int = 0,
+    vary: int = 0,
+    lost: float = 0.0,
+    seed: int = 0,
+) -> Series:
+    """
+    The same samples as stamped when a buffer of `size` was read, 1 ms after its last one.
+
+    A reading is late by `jitter_s` on average (exponential), the samples of a block are
+    `inside_ns` apart, its size varies by up to `vary`, and a share of the blocks is lost.
+    """
+    rng = np.random.default_rng(seed)
+    stamps, values, begin, last = [], [], 0, 0
+    while begin < len(series):
+        end = min(begin + size + int(rng.integers(-vary, vary + 1)), len(series))
+        if rng.random() >= lost:
+            late = 1_000_000 + round(1e9 * jitter_s * rng.exponential())
+            last = max(last + 1, int(series.stamps_ns[end - 1]) + late)
+            stamps.append(last + inside_ns * np.arange(end - begin))
+            values.append(series.values[begin:end])
+        begin = end
+    return Series(np.concatenate(stamps), np.concatenate(values))

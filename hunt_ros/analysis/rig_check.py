@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hunt_ros.bursts import bursts_of, evened
 from hunt_ros.rig import Rig
 from hunt_ros.samples import (
     CLOCK_OFFSET_NS,
@@ -38,9 +39,6 @@ _IN_A_PERIOD, _SPEED_HZ = 10.0, 5.0
 _JITTER_SHARE = 0.01
 #: This share of missing samples is allowed.
 _MISSING_SHARE = 1e-3
-#: This share of long steps, with more missing between than there are, is no loss: a buffer was
-#: read at once, and stamped by who read it.
-_BURSTS = 0.01
 #: A stamp so much before the one before is that of a clock that was set, s.
 _SET_S = 1.0
 #: Stamps this far from the arrival are another clock's, s.
@@ -124,7 +122,7 @@ def check_rig(
         if channel in arrivals:
             found.append(_clock(channel, series, arrivals[channel]))
         found += _readings(channel, series, rig)
-    found += _roller(record, rig)
+    found += _roller(replace(record, channels=evened(record)[0]), rig)
     return found
 
 
@@ -159,6 +157,12 @@ def _highest_hz(rig: Rig) -> float:
 
 def _times(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
     """Rate, jitter, and what is missing, by the stamps."""
+    bursts = bursts_of(series.stamps_ns)
+    if bursts is not None:
+        advice = 'stamp each sample by the clock of the converter, in a message with a header'
+        apart_s = bursts.apart_ns / NANOSECONDS
+        yield Finding('jitter', channel, FAIL, str(bursts), advice, apart_s, 's')
+        return
     steps = np.diff(series.stamps_ns) / NANOSECONDS
     step = float(np.median(steps))
     backward = int(np.count_nonzero(steps <= 0.0))
@@ -172,14 +176,6 @@ def _times(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
     regular = steps < GAP_STEPS * step
     apart = steps[~regular]
     missing = float(np.sum(np.rint(apart / step) - 1.0))
-    if missing > len(series) and apart.size > _BURSTS * steps.size:
-        text = (
-            f'samples come in bursts of {len(series) / (apart.size + 1):.0f},'
-            f' {float(np.median(apart)):.3g} s apart'
-        )
-        advice = 'stamp each sample by the clock of the converter, in a message with a header'
-        yield Finding('jitter', channel, FAIL, text, advice, float(np.median(apart)), 's')
-        return
     least = _IN_A_PERIOD * _highest_hz(rig) if channel in MOTION else _SPEED_HZ
     text, advice = f'{1.0 / step:.4g} samples/s', f'sample it at {least:.3g} Hz or more'
     yield _judged('rate', channel, 1.0 / step < least, text, advice, 1.0 / step, 'Hz')

@@ -18,6 +18,7 @@ from hunt_ros.bag.cdr.layout import PathError, joint_of, parse_path, stamp_path,
 from hunt_ros.bag.cdr.message_types import definitions_of
 from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
 from hunt_ros.bag.reader import Bag, opened
+from hunt_ros.bursts import evened
 from hunt_ros.errors import BagError, MessageError
 from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series, counted
 from hunt_ros.sensors import JOINT_STATE
@@ -226,6 +227,7 @@ def read_record(
     channels: Channels = (),
     *,
     require: Collection[str] = (),
+    as_stamped: bool = False,
 ) -> Record:
     """
     Read the measurements of a rig out of a recording.
@@ -242,13 +244,18 @@ def read_record(
         `{'lateral': '/daq/ch0.data[3]*0.001', 'speed': 16.3}`, or a list as on the command line.
     require : collection of str
         Channels without which the record is of no use.
+    as_stamped : bool
+        The stamps are those of the headers in any case: to look at them, to copy them, or to
+        repeat what was made of them.
 
     Returns
     -------
     Record
-        Stamps are those of the headers. `notes` holds rig, operator and remarks, and
-        under 'problems' what opening showed to be wrong with the recording. A constant
-        channel is sampled at 100 Hz over the time of the others.
+        Stamps are those of the headers; where a buffer was stamped when it was read, they are
+        when its samples were taken (`hunt_ros.bursts`). `notes` holds rig, operator and remarks,
+        under 'problems' what opening showed to be wrong with the recording, and under 'bursts'
+        which channels are stamped in bursts. A constant channel is sampled at 100 Hz over the
+        time of the others.
 
     Raises
     ------
@@ -280,8 +287,12 @@ def read_record(
             )
         if not filled:
             raise BagError(f'{bag.path}: its topics {", ".join(measured)} hold no messages')
-        path = str(bag.path)
-        return Record(with_constants(filled, sources, path), path, _notes(bag))
+        path, notes = str(bag.path), _notes(bag)
+        if not as_stamped:
+            filled, remarks = evened(filled)
+            if remarks:
+                notes['bursts'] = '; '.join(remarks)
+        return Record(with_constants(filled, sources, path), path, notes)
 
 
 def _check_span(bag: Bag, columns: Mapping[str, Series]) -> None:

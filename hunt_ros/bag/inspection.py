@@ -20,6 +20,7 @@ from hunt_ros.bag.channels import ChannelSource
 from hunt_ros.bag.columns import find_topic, read_record
 from hunt_ros.bag.plausible import wrong_unit
 from hunt_ros.bag.reader import Bag
+from hunt_ros.bursts import bursts_of
 from hunt_ros.errors import BagError, MessageError
 from hunt_ros.samples import CHANNELS, NANOSECONDS, Record
 from hunt_ros.sensors import lacking
@@ -151,7 +152,10 @@ def _measured(bag: Bag) -> tuple[Record, list[Problem]]:
         return Record({}), []  # not those of a rig, or damaged, which is said already
     texts = (wrong_unit(channel, series) for channel, series in record.items())
     found = [Problem('damaged_message', text) for text in dict.fromkeys(bag.remarks)]
-    return record, found + [Problem('wrong_unit', text) for text in texts if text]
+    found += [Problem('wrong_unit', text) for text in texts if text]
+    if bursts := record.notes.get('bursts'):
+        found.append(Problem('bursts', bursts))
+    return record, found
 
 
 def _opening(problem: str) -> Problem:
@@ -201,7 +205,8 @@ def _in_time(name: str, stamps: NDArray[np.int64], start: int, end: int) -> list
         return problems
     step = float(np.median(steps))
     # A topic that comes in bursts or by chance has no gaps.
-    if not step > 0 or float(np.percentile(steps, 90)) >= 3.0 * step:
+    chance = not step > 0 or float(np.percentile(steps, 90)) >= 3.0 * step
+    if chance or bursts_of(stamps) is not None:
         return problems
     longest = max(GAP_STEPS * step, GAP_S * NANOSECONDS)
     for row in np.flatnonzero(steps > longest)[:10].tolist():

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from hunt_ros.analysis.rig_check import FAIL, OK, UNKNOWN, WARN, Finding, check_rig
 from hunt_ros.bag import channel_map, read_columns, read_record
 from hunt_ros.bag.plausible import wrong_unit
+from hunt_ros.bursts import evened
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import progress, tell
 from hunt_ros.cli.support.processes import NodeSpec, ask
@@ -62,6 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
         record, arrivals = _live(heard)
         findings = [*_publishers(heard, rig), *check_rig(record, arrivals, rig)]
         findings += [_disk(record, arguments.directory or options.RECORDINGS), _alarm(arguments)]
+    record = replace(record, channels=evened(record)[0])
     findings += [*_damage(record), *_units(record), *_stops(record), *_filters(record, rig)]
     failed = sum(finding.state == FAIL for finding in findings)
     document = {
@@ -79,7 +81,7 @@ def _recorded(
 ) -> tuple[Rig, Record, dict[str, NDArray[np.int64]]]:
     """Read a recording, and when its messages came; without a rig file, what it holds or lacks."""
     sources = options.channels_of(arguments, CHANNELS)
-    record = read_record(arguments.bag, sources)
+    record = read_record(arguments.bag, sources, as_stamped=True)
     rig.refuse_other(record.notes.get('rig', ''), str(arguments.bag))
     if not arguments.rig:
         rig = replace(rig, channels=(*record, *(either[0] for either in lacking(record))))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import math
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from hunt_ros.bag import check_units, read_record
+from hunt_ros.bursts import evened
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.live_replay import replay_live
 from hunt_ros.cli.support.output import progress, tell
@@ -43,14 +45,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Replay; offline unless --live."""
     _check(arguments)
-    record = read(arguments)
+    given = (arguments.normal_form, arguments.rig, arguments.set, arguments.channel)
+    another = arguments.fresh or arguments.live or any(given)  # than the live run of it
+    live = None if another else recorded_run(arguments.bag)
+    record = read(arguments, as_stamped=live is not None)
     asked, beside = settings_of(arguments)
     if arguments.live:
         return replay_live(arguments, record, (asked, beside))
     config, remarks = config_for(record, asked)
-    given = (arguments.normal_form, arguments.rig, arguments.set, arguments.channel)
-    another = arguments.fresh or any(given)  # than the live run of it
-    live = None if another else recorded_run(arguments.bag)
     with progress(f'replaying {arguments.bag.name}') as advance:
         if live is not None:
             config, beside = live.config, live.companions
@@ -67,10 +69,15 @@ def run(arguments: argparse.Namespace) -> int:
         found = collect(outputs, _companions(beside, config), detector)
     if problems := record.notes.get('problems'):  # its end may be missing
         remarks.append(f'damaged: {problems}; "hunt info" says more')
+    if bursts := record.notes.get('bursts'):
+        remarks.append(bursts)
+    blind = not math.isfinite(found.max_amplitude_m)
+    if blind:
+        remarks.append('no amplitude of the hunting could be estimated: it may hunt or not')
     told = record, config, found, remarks
     unit = options.rig_of(arguments).speed_unit
     tell(arguments.json, lambda: document(*told), lambda: lines_of(*told, unit))
-    return 0
+    return 1 if blind else 0
 
 
 def _check(arguments: argparse.Namespace) -> None:
@@ -83,14 +90,14 @@ def _check(arguments: argparse.Namespace) -> None:
             raise ConfigError(f'--{option}: only with --live, the whole recording is replayed')
 
 
-def read(arguments: argparse.Namespace) -> Record:
-    """Read the measurements, with the channels the user named."""
+def read(arguments: argparse.Namespace, as_stamped: bool = False) -> Record:
+    """Read the measurements, with the channels the user named; see `read_record`."""
     channels = options.channels_of(arguments, CHANNELS)
     constant_speed = options.rig_of(arguments).constant_speed_mps > 0.0 or any(
         word.startswith('constant_speed_mps=') for word in arguments.set
     )
     require = () if constant_speed else ('speed',)
-    record = read_record(arguments.bag, channels, require=require)
+    record = read_record(arguments.bag, channels, require=require, as_stamped=as_stamped)
     options.rig_of(arguments).refuse_other(record.notes.get('rig', ''), record.source)
     if not set(DISPLACEMENTS) & set(record):
         neither = ' nor '.join(DISPLACEMENTS)
@@ -104,6 +111,8 @@ def _of_the_live_run(record: Record, live: RecordedRun) -> list[str]:
     if live.unknown:
         names = ', '.join(live.unknown)
         found.append(f'settings of the recording that this version does not have: {names}')
+    if stamped := evened(record)[1]:
+        found.append(f'{"; ".join(stamped)}, with --fresh')
     missing, unheard = samples_apart(record, live.journal)
     for text, counts in (
         ('lacks samples that the live detector had', missing),

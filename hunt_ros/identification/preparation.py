@@ -15,6 +15,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from hunt_ros.bursts import bursts_of
 from hunt_ros.errors import IdentificationError
 from hunt_ros.estimation.record_motion import Motion, turns_per_metre
 from hunt_ros.identification.record.channels import Channels, refuse, speed_step
@@ -41,7 +42,7 @@ from hunt_ros.identification.record.stops import ignoring, measuring
 from hunt_ros.identification.record.turning import with_angle
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import Record, Series
-from hunt_ros.sensors import saturated_from
+from hunt_ros.sensors import DISPLACEMENTS, saturated_from
 
 #: A recording, or what reads it.
 Source: TypeAlias = Record | Callable[[], Record]
@@ -85,12 +86,15 @@ class Recording:
         """
         settings = self.settings
         record = self.source if isinstance(self.source, Record) else self.source()
+        bursts = record.notes.get('bursts', '')
+        untimed = any(bursts_of(record[n].stamps_ns) for n in DISPLACEMENTS if n in record)
         record = replace(record, channels={name: one.in_order() for name, one in record.items()})
         record, ignored = ignoring(record, self.number, settings)
-        said: list[str] = []
+        said = [bursts] if bursts else []
         refused, measures, turning = '', False, record
         channels: list[Channels] = []
         try:
+            refuse(untimed, record.source, bursts or 'samples come in bursts: bursts.evened')
             record = measuring(record, said, saturated_from(settings, 'lateral'))
             measures = True
             turning = with_angle(record, settings)

@@ -68,6 +68,8 @@ class LiveReplayNode(SuiteNode):
         if not config.bag:
             raise ConfigError('live_replay: the parameter bag names no recording')
         record = read_record(config.bag, [ChannelSource.parse(word) for word in config.channels])
+        if bursts := record.notes.get('bursts'):
+            self.get_logger().warning(bursts)
         self._names = names = [name for name in CHANNELS if name in record]
         if not set(DISPLACEMENTS) & set(names):
             raise BagError(f'{config.bag}: neither {" nor ".join(DISPLACEMENTS)} in it')

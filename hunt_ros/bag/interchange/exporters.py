@@ -86,7 +86,7 @@ def export_file(
                 )
             series = read_columns(bag, channels)
         else:
-            record = read_record(bag)
+            record = read_record(bag, as_stamped=True)
             series = {f'{name}_{si_of(name)}': one for name, one in record.items()}
     if from_s is not None or to_s is not None:
         begin = origin + round((from_s or 0.0) * NANOSECONDS)

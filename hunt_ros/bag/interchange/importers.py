@@ -70,7 +70,7 @@ def load_record(
     if Path(path).is_dir() or storage_kind(Path(path)) in STORAGES:
         if rate_hz is not None or time is not None:
             raise BagError(f'{path}: a recording has its times, expected no rate and no column')
-        return read_record(path, mapping)
+        return read_record(path, mapping, as_stamped=True)
     if rate_hz is not None and not 0.0 < rate_hz < 1e9:
         raise BagError(f'rate {rate_hz!r}: expected samples a second, greater than 0')
     if rate_hz is not None and time is not None:
