@@ -18,7 +18,7 @@ from hunt_ros.bag.cdr.layout import PathError, joint_of, parse_path, stamp_path,
 from hunt_ros.bag.cdr.message_types import definitions_of
 from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
 from hunt_ros.bag.reader import Bag, opened
-from hunt_ros.bursts import evened
+from hunt_ros.bursts import bursts_of, evened
 from hunt_ros.errors import BagError, MessageError
 from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series, counted
 from hunt_ros.sensors import JOINT_STATE
@@ -301,7 +301,7 @@ def _check_span(bag: Bag, columns: Mapping[str, Series]) -> None:
     longest = _FASTEST * (last - first) + _LATE_NS
     for name, one in columns.items():
         times = np.unique(one.stamps_ns).size
-        if _FEWEST_TIMES * times < len(one):
+        if _FEWEST_TIMES * times < len(one) and bursts_of(one.stamps_ns) is None:
             raise MessageError(
                 f'{bag.path}: {name}: {len(one)} samples at {counted(times, "different time")}:'
                 ' its clock stands still'
