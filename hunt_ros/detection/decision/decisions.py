@@ -69,6 +69,7 @@ def fresh_memory() -> NDArray[np.void]:
     memory['floor']['square'] = math.nan
     memory['floor']['intensity'] = math.nan
     memory['state']['reference'] = math.nan
+    memory['ratios']['smooth'] = likelihood.SELDOM
     memory['outlook'] = NO_OUTLOOK
     return memory
 

@@ -91,8 +91,8 @@ _EXACT = 0.5
 #: An amplitude is well known when its standard deviation is below this part of it.
 SURE = 0.1
 
-#: A jump so many marks after another one is no kick: the noise has risen.
-_SELDOM = 4 * HORIZONS[_TELLING - 1]
+#: A jump less than so many marks after another one is no kick: the noise has risen.
+SELDOM = 4 * HORIZONS[_TELLING - 1]
 #: Marks from which on the noise is known over the longest horizon that tells growth.
 _KNOWN = (_FIRST + 2) * HORIZONS[_TELLING - 1]
 _LONGEST = HORIZONS[-1]
@@ -225,7 +225,8 @@ def excess(rules: Rules, memory: Any) -> float:
     most = 0.0
     longest = 0
     for j in range(len(HORIZONS)):
-        most = max(most, _unlikely(rules, memory, j, memory['moved'][j], _independent(memory, j)))
+        worth = _independent(memory['known'][j], HORIZONS[j])
+        most = max(most, _unlikely(rules, memory, j, memory['moved'][j], worth))
         if j < _TELLING and memory['seen'][j] > 0 and memory['noise'][j] > 0.0:
             longest = j
     for j in range(longest, len(HORIZONS)):
@@ -248,15 +249,14 @@ def _unlikely(rules: Rules, memory: Any, j: int, noise: float, freedom: float) -
 
 
 @compiled_part
-def _independent(memory: Any, j: int) -> float:
+def _independent(count: float, h: int) -> float:
     """
-    Return how many independent misses those over a horizon of h marks are worth.
+    Return how many independent misses so many over a horizon of h marks are worth.
 
     Of a random walk, misses k marks apart correlate by r = 1 - 1.5 k/h up to h, k/(2 h) - 1 up
     to 2 h, their squares by r^2; the sum of r^2 over all k is (4 h^2 + 5) / (6 h).
     """
-    h = HORIZONS[j]
-    return float(memory['known'][j] * 6.0 * h / (4.0 * h * h + 5.0))
+    return float(count * 6.0 * h / (4.0 * h * h + 5.0))
 
 
 @compiled_part
@@ -288,7 +288,7 @@ def watch(rules: Rules, memory: Any, a: float, s: float, drift: float, line: boo
     memory['since'] += 1
     memory['smooth'] += 1
     jumps = _jumps(rules, memory)
-    if jumps and memory['smooth'] > _SELDOM:
+    if jumps and memory['smooth'] >= SELDOM:
         memory['smooth'] = 0
     noise_alone = excess(rules, memory) < SOME * rules.evidence
     for j in range(len(HORIZONS)):
@@ -297,7 +297,7 @@ def watch(rules: Rules, memory: Any, a: float, s: float, drift: float, line: boo
     # The filter smooths: over a longer horizon more of the noise shows, once there is a value.
     for j in range(_TELLING):
         for i in range(j + 1, _TELLING):
-            if _independent(memory, i) >= 1.0:
+            if _independent(memory['known'][i], HORIZONS[i]) >= 1.0:
                 part = HORIZONS[j] / HORIZONS[i]
                 memory['noise'][j] = max(memory['noise'][j], part * memory['noise'][i])
                 memory['moved'][j] = max(memory['moved'][j], part * memory['moved'][i])
@@ -318,9 +318,12 @@ def _jumps(rules: Rules, memory: Any) -> bool:
     """Return True where the amplitude has moved further, over the shortest horizon, than noise."""
     if memory['marks'] <= 2 * HORIZONS[0] or not memory['noise'][0] > 0.0:
         return False
-    variance = memory['noise'][0] + _found_out(memory['s'][HORIZONS[0]], memory['s'][0])
+    # At first what is known of the noise is how many misses there are, and their mean square.
+    variance = max(memory['noise'][0], memory['moved'][0])
+    variance += _found_out(memory['s'][HORIZONS[0]], memory['s'][0])
     y = memory['a'][0] - math.sqrt(memory['a'][HORIZONS[0]] ** 2 + _RICE * variance)
-    return bool(_student(y, variance, memory['freedom'][0]) < -rules.evidence)
+    freedom = min(memory['freedom'][0], _independent(memory['seen'][0], HORIZONS[0]))
+    return bool(_student(y, variance, freedom) < -rules.evidence)
 
 
 @compiled_part

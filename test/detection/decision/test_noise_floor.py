@@ -61,7 +61,7 @@ def test_what_hunts_just_when_the_noise_is_known_is_not_where_the_floor_begins()
     for waits in np.arange(3.0, 6.0, 0.25):
         floor = Floor()
         floor.feed(quiet(waits, 8e-6))
-        assert floor.feed(np.full(100, 400e-6)) < 40e-6
+        assert not floor.feed(np.full(100, 400e-6)) > 40e-6
 
 
 def test_what_the_form_calls_escaping_neither_begins_nor_raises_the_floor() -> None:

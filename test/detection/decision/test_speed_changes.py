@@ -1,0 +1,50 @@
+"""Soon after the start, or after a change of the speed: kicks, and noise that changes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from decided import QUIET, ROWS, decided, noise
+from made import at_most
+
+from hunt_ros.detection import State
+
+#: When the speed has changed, s, and the speed before, m/s.
+CHANGED_S, SPEED = 20.0, 5.0
+SEEDS = 24
+
+
+def said(seed: int, ratio: float, after_s: float, kick: float, damping: float, power: float):
+    """Return rows that hunt, by the second since a kick so long after a change of the speed."""
+    t = np.arange(round((CHANGED_S + after_s + 20.0) * ROWS)) / ROWS
+    speed = SPEED * np.interp(t, [CHANGED_S - 1.0, CHANGED_S], [1.0, ratio])
+    since = t - CHANGED_S - after_s
+    jump = np.where(since < 0.0, 0.0, kick * QUIET * np.exp(-damping * np.maximum(since, 0.0)))
+    driven = noise(t.size / ROWS, 0.4, seed=seed, lag_s=0.15)
+    driven = driven * (speed / SPEED) ** (0.5 * power)
+    rows = decided(np.abs(driven + jump), speed=speed)
+    return since[np.isin(rows['state'], (State.ESCAPING, State.LIMIT_CYCLE))]
+
+
+@pytest.mark.parametrize('seconds', [2.0, 4.0, 8.0])
+def test_a_kick_onto_the_limit_cycle_soon_after_the_start(seconds) -> None:
+    late = 0
+    for seed in range(SEEDS):
+        path = noise(seconds + 20.0, 0.4, seed=seed, lag_s=0.15)
+        path[round(seconds * ROWS) :] += 40.0 * QUIET
+        hunts = np.isin(decided(np.abs(path))['state'], (State.ESCAPING, State.LIMIT_CYCLE))
+        late += not hunts[: round((seconds + 3.0) * ROWS)].any()
+    assert late <= at_most(0.1, SEEDS)
+
+
+@pytest.mark.parametrize('ratio', [0.5, 0.88, 1.12, 1.3, 2.0])
+@pytest.mark.parametrize('power', [0.0, 2.0, 4.0])
+def test_a_noise_that_changes_with_the_speed_is_no_hunting(ratio, power) -> None:
+    false = sum(said(seed, ratio, 5.0, 0.0, 0.0, power).size > 0 for seed in range(SEEDS))
+    assert false <= at_most(0.01, SEEDS)
+
+
+@pytest.mark.parametrize('ratio', [0.88, 1.3])
+def test_a_kick_that_dies_out_soon_after_a_change_of_speed_is_none(ratio) -> None:
+    false = sum(said(seed, ratio, 4.0, 40.0, 0.3, 2.0).size > 0 for seed in range(SEEDS))
+    assert false <= at_most(0.05, SEEDS)
