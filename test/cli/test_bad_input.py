@@ -296,13 +296,13 @@ def test_an_error_of_the_program_is_one_line(bag, capsys, monkeypatch) -> None:
     assert line.startswith('hunt info: internal error (TypeError: two lines), please report it')
 
 
-@pytest.mark.parametrize('where', ['parser_of', 'on_compilation'])
+@pytest.mark.parametrize(
+    'where', ['hunt_ros.cli.main.parser_of', 'hunt_ros.compiled.on_compilation']
+)
 def test_an_interrupt_is_an_interrupt_at_any_moment(bag, capsys, monkeypatch, where) -> None:
-    from hunt_ros.cli import main as module
-
     def interrupted(*arguments) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(module, where, interrupted)
-    assert module.main(['info', str(bag)]) == 130
+    monkeypatch.setattr(where, interrupted)
+    assert main(['info', str(bag)]) == 130
     assert capsys.readouterr().err.strip() == 'hunt info: interrupted'
