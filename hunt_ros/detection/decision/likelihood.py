@@ -164,7 +164,9 @@ def moved_on(rules: Rules, memory: Any, v: float) -> bool:
         memory['later'], memory['since'] = v, 0
     another = _differ(v, memory['speed'], _ANOTHER_SPEED)
     memory['another'] = memory['another'] + 1 if another else 0
-    return bool(memory['another'] * rules.stride > _STAYS_S)
+    # A kick is judged by the noise before it: that of after it is not known for as long.
+    waits = 0 if memory['smooth'] >= SELDOM else SELDOM * rules.step
+    return bool((memory['another'] - waits) * rules.stride > _STAYS_S)
 
 
 @compiled_part

@@ -48,3 +48,13 @@ def test_a_noise_that_changes_with_the_speed_is_no_hunting(ratio, power) -> None
 def test_a_kick_that_dies_out_soon_after_a_change_of_speed_is_none(ratio) -> None:
     false = sum(said(seed, ratio, 4.0, 40.0, 0.3, 2.0).size > 0 for seed in range(SEEDS))
     assert false <= at_most(0.05, SEEDS)
+
+
+def test_a_kick_before_the_noise_of_another_speed_is_learnt_is_judged_by_that_of_before() -> None:
+    late = 0
+    for ratio in (0.88, 1.3):
+        for after_s in (1.0, 2.0):
+            for seed in range(SEEDS):
+                hunts = said(seed, ratio, after_s, 40.0, 0.0, 2.0)
+                late += not np.any((hunts > 0.0) & (hunts < 3.0))
+    assert late <= at_most(0.03, 4 * SEEDS)
