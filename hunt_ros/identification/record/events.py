@@ -33,7 +33,7 @@ Kind = Literal['rest', 'stayed', 'died', 'grew']
 
 #: Cycles that rest, and a limit cycle, are seen at least: what passes by the place where the two
 #: limit cycles have just vanished lingers there for some tens of cycles.
-_REST_CYCLES, STAY_CYCLES = 12.0, 40.0
+_REST_CYCLES, _STAY_CYCLES = 12.0, 40.0
 #: Speeds that count as one, relative.
 ONE_SPEED = 0.01
 #: Scatter of ln A of a limit cycle at one speed, at most: half of that of noise (Rayleigh's).
@@ -206,7 +206,7 @@ class _Piece:
             fall = begin + int(np.flatnonzero(alive >= 0.5 * float(np.median(alive)))[-1])
         # What was there for long after an instant, at no higher speed, stayed at that speed.
         first = begin + int(np.argmax(alive >= 0.5 * float(np.median(alive))))
-        far = np.searchsorted(self.time, self.time[first : fall + 1] + STAY_CYCLES * self.period)
+        far = np.searchsorted(self.time, self.time[first : fall + 1] + _STAY_CYCLES * self.period)
         stays = [
             (k, int(m))
             for k, m in zip(range(first, fall + 1), far, strict=True)
