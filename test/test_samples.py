@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from hunt_ros.errors import HuntError
-from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series, Uncertain, counted
+from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series, Uncertain, counted, different
 
 finite = st.floats(-1e12, 1e12, allow_nan=False)
 stamps = npst.arrays(np.int64, st.integers(0, 40), elements=st.integers(0, 2 * 10**18))
@@ -148,3 +148,8 @@ def test_an_interval_is_printed_to_two_digits_of_the_deviation(number, text) -> 
 
 def test_one_thing_is_no_things() -> None:
     assert [counted(n, 'run') for n in (0, 1, 2)] == ['0 runs', '1 run', '2 runs']
+
+
+@given(st.lists(st.integers(0, 5)))
+def test_times_are_counted_in_any_order(stamps) -> None:
+    assert different(np.array(stamps, dtype=np.int64)) == len(set(stamps))

@@ -20,7 +20,7 @@ from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
 from hunt_ros.bag.reader import Bag, opened
 from hunt_ros.bursts import bursts_of, evened
 from hunt_ros.errors import BagError, MessageError
-from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series, counted
+from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series, counted, different
 from hunt_ros.sensors import JOINT_STATE
 
 #: Which stamp a column has: that in the message's header (log time where it has none
@@ -300,7 +300,7 @@ def _check_span(bag: Bag, columns: Mapping[str, Series]) -> None:
     first, last = bag.span_ns or (0, 0)
     longest = _FASTEST * (last - first) + _LATE_NS
     for name, one in columns.items():
-        times = np.unique(one.stamps_ns).size
+        times = different(one.stamps_ns)
         if _FEWEST_TIMES * times < len(one) and bursts_of(one.stamps_ns) is None:
             raise MessageError(
                 f'{bag.path}: {name}: {len(one)} samples at {counted(times, "different time")}:'
