@@ -18,7 +18,6 @@ import difflib
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from itertools import pairwise
 from typing import Any, TypeVar
 
 from hunt_ros.errors import ConfigError
@@ -31,12 +30,8 @@ _Kind = TypeVar('_Kind', bound=Settings)
 
 #: Highest order of a known line, and how many there may be: each costs a tenth of the filter.
 MOST_TURNS, MOST_LINES = 100.0, 8
-#: The hunting frequencies: lowest, nominal and highest, and the least that each may be, Hz.
-HUNTING_HZ = {
-    'hunting_frequency_min_hz': 0.03,
-    'hunting_frequency_hz': 0.05,
-    'hunting_frequency_max_hz': 0.1,
-}
+#: The least hunting frequency that a rig may have, Hz.
+SLOWEST_HZ = 0.05
 #: The section of a parameter file that is for all nodes.
 SHARED = '/**'
 #: What ROS itself, and a file of `hunt identify --out`, have in that section.
@@ -131,16 +126,10 @@ class Rig(Settings):
         fixed=True,
     )
     hunting_frequency_hz: float = _known(
-        'nominal hunting frequency; 30 % off costs nothing'
+        'nominal hunting frequency; 30 % off costs nothing, and 0.35 to 2.1 of it is followed'
         ' (0: that of the normal form, else 2.84 Hz)',
         'Hz',
         50.0,
-    )
-    hunting_frequency_min_hz: float = _known(
-        'lowest hunting frequency considered (0: 0.35 of the nominal one)', 'Hz', 40.0
-    )
-    hunting_frequency_max_hz: float = _known(
-        'highest hunting frequency considered (0: 2.1 of the nominal one)', 'Hz', 150.0
     )
     length_scale_m: float = _known(
         'd0: the unit of amplitude of the coefficients (0: of the built-in rig)', 'm', 1e3
@@ -179,8 +168,12 @@ class Rig(Settings):
             raise ConfigError(f'channels: need {_EITHER}, got {self.channels}')
         self._check_optional()
         self._check_lines()
-        self._check_frequencies()
         self._check_priors()
+        if 0.0 < self.hunting_frequency_hz < SLOWEST_HZ:
+            raise ConfigError(
+                f'hunting_frequency_hz: {self.hunting_frequency_hz} is below {SLOWEST_HZ:g} Hz'
+                ' (0: not given)'
+            )
         if self.speed_ceiling_mps < self.safe_speed_mps < math.inf:
             raise ConfigError(
                 f'safe_speed_mps: {self.safe_speed_mps:g} must not be above'
@@ -208,39 +201,25 @@ class Rig(Settings):
 
     def _check_lines(self) -> None:
         """Refuse orders that are none, and a wheel whose order is not known."""
-        for order in self.lines:
-            number = isinstance(order, int | float) and not isinstance(order, bool)
-            if not (number and 0.0 <= order <= MOST_TURNS):
-                raise ConfigError(
-                    f'lines: {order!r} is no order, expected turns of the roller from 0 to'
-                    f' {MOST_TURNS:g}'
-                )
-        orders = tuple(sorted({float(order) for order in self.lines if order > 0.0}))
-        if len(orders) > MOST_LINES:
-            raise ConfigError(f'lines: {len(orders)} lines, expected at most {MOST_LINES}')
-        object.__setattr__(self, 'lines', tuple(map(float, self.lines)))
+        lines = tuple(checked('lines', order, 'not be negative') for order in self.lines)
+        if max(lines, default=0.0) > MOST_TURNS or len({*lines} - {0.0}) > MOST_LINES:
+            raise ConfigError(
+                f'lines: {self.lines}, expected at most {MOST_LINES} orders of the roller, up to'
+                f' {MOST_TURNS:g}'
+            )
+        object.__setattr__(self, 'lines', lines)
         if self.wheel_diameter_m > 0.0 and self.roller_diameter_m == 0.0:
             raise ConfigError('wheel_diameter_m: needs roller_diameter_m, got 0')
-
-    def _check_frequencies(self) -> None:
-        """Refuse hunting frequencies out of order; one that is 0 is not given."""
-        given = [(name, getattr(self, name)) for name in HUNTING_HZ if getattr(self, name) > 0.0]
-        for name, value in given:
-            if value < HUNTING_HZ[name]:
-                raise ConfigError(
-                    f'{name}: {value} is below {HUNTING_HZ[name]:g} Hz (0: not given)'
-                )
-        for (low, below), (high, above) in pairwise(given):
-            if not below < above:
-                raise ConfigError(f'{high}: {above} must be above {low} ({below})')
 
     def _check_priors(self) -> None:
         """Refuse what is no value with its standard deviation."""
         for name in ('prior_v_c', 'prior_D1'):
             given = getattr(self, name)
             numbers = tuple(checked(name, number) for number in given)
-            if len(given) not in (0, 2) or any(std <= 0.0 for std in numbers[1:]):
-                raise ConfigError(f'{name}: expected value and standard deviation, got {given}')
+            if len(given) not in (0, 2) or any(number <= 0.0 for number in numbers):
+                raise ConfigError(
+                    f'{name}: expected value and standard deviation, both positive, got {given}'
+                )
             object.__setattr__(self, name, numbers)
 
     @classmethod

@@ -151,8 +151,7 @@ def _absent(channel: str, count: int, rig: Rig) -> Finding:
 
 
 def _highest_hz(rig: Rig) -> float:
-    nominal = rig.hunting_frequency_hz or _NOMINAL_HZ
-    return rig.hunting_frequency_max_hz or _HIGHEST_OF_NOMINAL * nominal
+    return _HIGHEST_OF_NOMINAL * (rig.hunting_frequency_hz or _NOMINAL_HZ)
 
 
 def _times(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:

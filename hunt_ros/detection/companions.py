@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.criteria import CRITERIA, CriteriaPanel, Verdict
-from hunt_ros.detection.configuration import DetectorConfig, with_frequencies
+from hunt_ros.detection.configuration import DetectorConfig, with_frequency
 from hunt_ros.detection.estimates import roller_diameter, shafts
 from hunt_ros.detection.output import Event
 from hunt_ros.detection.regions import Level
@@ -107,11 +107,11 @@ class Companions:
         self._forecast: CriticalSpeedForecast | None = None
         if config.forecast == 'off':
             return
-        tuned = with_frequencies(detector)
+        tuned = with_frequency(detector)
         self._forecast = CriticalSpeedForecast(
             (rig or paper_rig()) if config.forecast == 'wheelset' else None,
             tuned.hunting_frequency_hz,
-            (tuned.hunting_frequency_min_hz, tuned.hunting_frequency_max_hz),
+            tuned.followed_hz,
             roller_diameter(detector),
             channel,
             shafts(detector),

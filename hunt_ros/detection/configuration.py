@@ -12,22 +12,21 @@ from dataclasses import dataclass, replace
 
 from hunt_ros.errors import ConfigError
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
-from hunt_ros.rig import HUNTING_HZ, Rig, of_rig
+from hunt_ros.rig import Rig, of_rig
 from hunt_ros.sensors import sensors_of
 from hunt_ros.settings import Settings, setting
 
 #: A speed is silent after this time at least, s: a tachometer is read seldom, and a roller of
 #: hundreds of kilograms does not change its speed in it.
 _SPEED_TIMEOUT_S = 0.5
-#: The range that goes with the nominal frequency of `REFERENCE_HZ`, Hz; with another: likewise.
-_LOWEST_HZ, _HIGHEST_HZ = 1.0, 6.0
+#: What is followed where the nominal frequency is `REFERENCE_HZ`, Hz, and likewise with another;
+#: and the lowest frequency that the tracker follows.
+_LOWEST_HZ, _HIGHEST_HZ, _LEAST_HZ = 1.0, 6.0, 0.03
 #: A form whose frequency is this near to the nominal one in force leaves all as it is: the
 #: filter loses nothing by it, and goes on with what it has learnt.
 _NEAR = math.log(1.2)
 #: Nominal frequencies that can be followed: these, and below this share of the output rate.
 _SLOWEST_HZ, _FASTEST_HZ, _FASTEST_OF_RATE = 0.1, 50.0, 0.4
-#: The lowest and the highest frequency that the settings can name.
-_LEAST_HZ, _MOST_HZ = HUNTING_HZ['hunting_frequency_min_hz'], 150.0
 
 
 def _limit(level: str, what: str, unit: str) -> float:
@@ -48,8 +47,8 @@ class DetectorConfig(Settings):
 
     The times and rates by which the motion is judged are those of a rig that hunts at 2.84 Hz,
     where their description says so: with another `hunting_frequency_hz` they count as many
-    periods, not as many seconds (`rules` converts them, all in one place). Frequencies
-    that are not given (0) follow the normal form, see `with_frequencies`.
+    periods, not as many seconds (`rules` converts them, all in one place). One that is
+    not given (0) follows the normal form, see `with_frequency`.
 
     Raises
     ------
@@ -65,8 +64,6 @@ class DetectorConfig(Settings):
         100.0, 'rate of the estimates', unit='Hz', low=1.0, high=1000.0, fixed=True
     )
     hunting_frequency_hz: float = of_rig('hunting_frequency_hz')
-    hunting_frequency_min_hz: float = of_rig('hunting_frequency_min_hz')
-    hunting_frequency_max_hz: float = of_rig('hunting_frequency_max_hz')
 
     critical_speed_mps: float = setting(
         0.0, 'v_c, where no normal form gives it (0: unknown)', unit='m/s', low=0.0
@@ -129,7 +126,12 @@ class DetectorConfig(Settings):
         # What belongs to the rig is checked where it is defined.
         object.__setattr__(self, 'lines', Rig.of(self).lines)
         self._check_limits()
-        self._check_frequencies()
+        nominal = self.hunting_frequency_hz or REFERENCE_HZ
+        if self.output_rate_hz * _FASTEST_OF_RATE < nominal:
+            raise ConfigError(
+                f'output_rate_hz: {self.output_rate_hz:g} is too low for hunting at {nominal:.3g}'
+                f' Hz, expected at least {nominal / _FASTEST_OF_RATE:.3g}'
+            )
         v_n, v_c = self.nonlinear_critical_speed_mps, self.critical_speed_mps
         if v_n > 0.0 and not v_n < v_c:
             raise ConfigError(f'nonlinear_critical_speed_mps: {v_n} must lie below v_c ({v_c})')
@@ -143,21 +145,15 @@ class DetectorConfig(Settings):
                     f'warn_{name}: {warn:g} must not be above alarm_{name} ({alarm:g})'
                 )
 
-    def _check_frequencies(self) -> None:
-        """Refuse hunting frequencies that do not fit together with those that are not given."""
-        if not all(getattr(self, name) for name in HUNTING_HZ):
-            with_frequencies(self)  # is checked itself
-            return
-        nominal = self.hunting_frequency_hz
-        if self.output_rate_hz * _FASTEST_OF_RATE < nominal:
-            raise ConfigError(
-                f'output_rate_hz: {self.output_rate_hz:g} is too low for hunting at {nominal:.3g}'
-                f' Hz, expected at least {nominal / _FASTEST_OF_RATE:.3g}'
-            )
-
     def measures(self, coordinate: str) -> bool:
         """Return True if one of the channels is a sensor of this coordinate."""
         return bool(set(sensors_of(coordinate)) & set(self.channels))
+
+    @property
+    def followed_hz(self) -> tuple[float, float]:
+        """The lowest and the highest hunting frequency that is followed, Hz."""
+        faster = (self.hunting_frequency_hz or REFERENCE_HZ) / REFERENCE_HZ
+        return max(faster * _LOWEST_HZ, _LEAST_HZ), faster * _HIGHEST_HZ
 
     @property
     def period_ns(self) -> int:
@@ -170,57 +166,25 @@ class DetectorConfig(Settings):
         return round(1e9 * max(self.sensor_timeout_s, least))
 
 
-def nominal_hz(config: DetectorConfig, form_hz: float | None, present_hz: float) -> float:
+def with_frequency(
+    config: DetectorConfig, form_hz: float | None = None, present_hz: float = REFERENCE_HZ
+) -> DetectorConfig:
     """
-    Return the nominal frequency for a normal form.
+    Return the settings with a nominal hunting frequency.
 
     Parameters
     ----------
     config : DetectorConfig
-        A frequency it names is taken, whatever the form says.
+        A frequency it names stays, whatever the form says.
     form_hz : float or None
         Hunting frequency of the normal form, Hz; None: there is none.
     present_hz : float
         Nominal frequency in force, Hz: kept without a form, or with one near to it.
     """
     if config.hunting_frequency_hz > 0.0:
-        return config.hunting_frequency_hz
-    if form_hz is None or abs(math.log(form_hz / present_hz)) < _NEAR:
-        return present_hz
-    fastest = min(_FASTEST_HZ, _FASTEST_OF_RATE * config.output_rate_hz)
-    return min(max(form_hz, _SLOWEST_HZ), fastest)
-
-
-def with_frequencies(config: DetectorConfig, nominal: float = REFERENCE_HZ) -> DetectorConfig:
-    """
-    Return the settings with a number for each of the three frequencies.
-
-    Parameters
-    ----------
-    config : DetectorConfig
-        What it names stays; what it leaves open (0) follows from the nominal frequency.
-    nominal : float
-        From `nominal_hz`. It gives way to the limits of the range that are named.
-
-    Returns
-    -------
-    DetectorConfig
-        lowest < nominal < highest.
-    """
-    named = config.hunting_frequency_hz
-    low, high = config.hunting_frequency_min_hz, config.hunting_frequency_max_hz
-    middle = named or nominal
-    lowest = low or max(middle / REFERENCE_HZ * _LOWEST_HZ, _LEAST_HZ)
-    highest = high or middle / REFERENCE_HZ * _HIGHEST_HZ
-    if not named and not lowest < middle < highest:
-        if not low:
-            lowest = max(highest * (_LOWEST_HZ / _HIGHEST_HZ), _LEAST_HZ)
-        if not high:
-            highest = min(lowest * (_HIGHEST_HZ / _LOWEST_HZ), _MOST_HZ)
-        middle = min(math.sqrt(lowest * highest), _FASTEST_HZ)
-    return replace(
-        config,
-        hunting_frequency_hz=middle,
-        hunting_frequency_min_hz=lowest,
-        hunting_frequency_max_hz=highest,
-    )
+        return config
+    nominal = present_hz
+    if form_hz is not None and abs(math.log(form_hz / present_hz)) >= _NEAR:
+        fastest = min(_FASTEST_HZ, _FASTEST_OF_RATE * config.output_rate_hz)
+        nominal = min(max(form_hz, _SLOWEST_HZ), fastest)
+    return replace(config, hunting_frequency_hz=nominal)

@@ -45,7 +45,7 @@ class Estimator:
     Parameters
     ----------
     config : DetectorConfig
-        Settings, with numbers for the frequencies (`configuration.with_frequencies`).
+        Settings, with a hunting frequency (`configuration.with_frequency`).
     """
 
     def __init__(self, config: DetectorConfig) -> None:
@@ -79,8 +79,9 @@ class Estimator:
             name: SecondOpinion(config, orders) for name in self._motion if name in DISPLACEMENTS
         }
         rate = 1e9 / config.period_ns
-        high = min(config.hunting_frequency_max_hz, 0.3 * rate)
-        low = min(config.hunting_frequency_min_hz, 0.5 * high)
+        low, high = config.followed_hz
+        high = min(high, 0.3 * rate)
+        low = min(low, 0.5 * high)
         self._lines = {name: LineSearch(rate, low, high, orders) for name in self._opinions}
         shape, self._shape = self._shape, None
         self.set_mode_shape(shape)
@@ -170,8 +171,7 @@ class Estimator:
         self._agreement.update(rows, track, turning, changed)
         if self.config.measures('lateral'):
             rows['doubts'][track['lateral_tied'] == 1.0] |= np.uint32(doubts.FROM_YAW)
-        rows['followed_min_hz'] = self.config.hunting_frequency_min_hz
-        rows['followed_max_hz'] = self.config.hunting_frequency_max_hz
+        rows['followed_min_hz'], rows['followed_max_hz'] = self.config.followed_hz
         known = lines_known(self.config, rows['speed'])
         lines = np.where(known, slow['angle'][count:], math.nan)
         disagree = np.zeros(rows.size, dtype=np.bool_)
@@ -264,8 +264,7 @@ def tracker_config(config: DetectorConfig) -> TrackerConfig:
     """Return the part of the settings that is the tracker's, its times those of the rig."""
     return TrackerConfig(
         config.hunting_frequency_hz,
-        config.hunting_frequency_min_hz,
-        config.hunting_frequency_max_hz,
+        *config.followed_hz,
         shafts(config),
         tuple(sensor for sensor in SENSORS if sensor.name in config.channels),
     )

@@ -127,7 +127,7 @@ class ChannelHealth:
     Parameters
     ----------
     config : DetectorConfig
-        With numbers for the frequencies: of the motion, what a flat top is measured against, and
+        With a hunting frequency: of the motion, what a flat top is measured against, and
         of the fastest that is followed, what the time between samples is.
     channel : str
         One of `CHANNELS`.
@@ -155,7 +155,7 @@ class ChannelHealth:
             round(STUCK_S * NANOSECONDS),
             round(FAULT_HOLD_S * NANOSECONDS),
             2.0 * np.pi * config.hunting_frequency_hz,
-            1.0 / (_SAMPLES_A_PERIOD * config.hunting_frequency_max_hz),
+            1.0 / (_SAMPLES_A_PERIOD * config.followed_hz[1]),
         )
 
     def update(

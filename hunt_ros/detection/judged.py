@@ -37,7 +37,7 @@ class Turning:
     Parameters
     ----------
     config : DetectorConfig
-        With numbers for the frequencies.
+        With a hunting frequency.
     """
 
     def __init__(self, config: DetectorConfig) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hunt_ros.criteria import Verdict
 from hunt_ros.detection import doubts
 from hunt_ros.detection.companions import Companions, criterion_event
-from hunt_ros.detection.configuration import DetectorConfig, with_frequencies
+from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.estimates import line_orders, roller_diameter
 from hunt_ros.detection.output import Event, Output, numbers_behind
@@ -23,7 +23,6 @@ from hunt_ros.detection.words.reasons import reason_counts
 from hunt_ros.estimation.record_lines import RecordLines
 from hunt_ros.estimation.record_motion import motion_of, turns_per_metre
 from hunt_ros.forecast import Forecast
-from hunt_ros.rig import HUNTING_HZ
 from hunt_ros.samples import Record
 
 
@@ -146,11 +145,9 @@ def frequency_for(
     named = [order * turns for order in line_orders(config) if math.isfinite(turns)]
     lines = RecordLines([motion_of(record)], known=named)
     remarks = [line.words(turns) for line in lines.unknown()]
-    if known or any(getattr(config, name) for name in HUNTING_HZ):
+    if known or config.hunting_frequency_hz > 0.0:
         return config, remarks
-    usual = with_frequencies(config)
-    low, high = usual.hunting_frequency_min_hz, usual.hunting_frequency_max_hz
-    found = lines.hunting_hz
+    (low, high), found = config.followed_hz, lines.hunting_hz
     if found is None or low <= found <= high:
         return config, remarks
     remark = (

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.detection import doubts, health
-from hunt_ros.detection.configuration import DetectorConfig, nominal_hz, with_frequencies
+from hunt_ros.detection.configuration import DetectorConfig, with_frequency
 from hunt_ros.detection.decision import decisions, states
 from hunt_ros.detection.decision.form import form_numbers
 from hunt_ros.detection.decision.limits import ALARMS
@@ -26,7 +26,6 @@ from hunt_ros.detection.estimates import Estimator
 from hunt_ros.detection.judged import JudgedChannel
 from hunt_ros.detection.regions import Level, State
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.samples import CHANNELS, NANOSECONDS
 from hunt_ros.sensors import COORDINATES, sensors_of
 
@@ -54,8 +53,7 @@ class RowMaker:
 
     def __init__(self, config: DetectorConfig) -> None:
         self._asked = config
-        self._nominal_hz = REFERENCE_HZ
-        self.config = with_frequencies(config)
+        self.config = with_frequency(config)
         self.memory = decisions.fresh_memory()
         self._channels = tuple(name for name in CHANNELS if name in config.channels)
         self._estimator = Estimator(self.config)
@@ -81,7 +79,7 @@ class RowMaker:
     def reconfigure(self, config: DetectorConfig) -> None:
         """Use other settings, but for those that are fixed, from now on."""
         self._asked = config
-        self.config = with_frequencies(config, self._nominal_hz)
+        self.config = with_frequency(config, None, self.config.hunting_frequency_hz)
         self._estimator.configure(self.config)
         self._rules = rules_of(self.config, *self.boundaries)
 
@@ -100,8 +98,7 @@ class RowMaker:
 
     def _follow(self, form_hz: float | None) -> None:
         """Look for the motion where the normal form says; elsewhere than before: begin anew."""
-        self._nominal_hz = nominal_hz(self._asked, form_hz, self._nominal_hz)
-        tuned = with_frequencies(self._asked, self._nominal_hz)
+        tuned = with_frequency(self._asked, form_hz, self.config.hunting_frequency_hz)
         if tuned == self.config:
             return
         self.config = tuned

@@ -54,8 +54,8 @@ class SecondOpinion:
     def __init__(self, config: DetectorConfig, orders: Sequence[float] = ()) -> None:
         self._rate = 1e9 / config.period_ns
         # An octave below the nominal frequency; lower would make the filter longer and later.
-        low = max(config.hunting_frequency_min_hz, 0.5 * config.hunting_frequency_hz)
-        high = min(config.hunting_frequency_max_hz, 0.45 * self._rate)
+        low = max(config.followed_hz[0], 0.5 * config.hunting_frequency_hz)
+        high = min(config.followed_hz[1], 0.45 * self._rate)
         self._envelope = HilbertEnvelope(self._rate, low, high, max(0.8, 1.05 / low))
         self._period_ns = config.period_ns
         self._late = round(self._envelope.delay_s * self._rate)

@@ -52,7 +52,7 @@ from hunt_ros.identification.record.screening import (
 )
 from hunt_ros.identification.record.segments import Run
 from hunt_ros.identification.result import Identification
-from hunt_ros.identification.settings import IdentificationSettings
+from hunt_ros.identification.settings import FREQUENCIES_HZ, IdentificationSettings
 from hunt_ros.identification.verdict.verdict import Evidence, conclude
 from hunt_ros.samples import Record
 
@@ -273,7 +273,7 @@ def _hunting_frequency(
     seen = [one for one in turns if math.isfinite(one)]
     roller = float(np.median(seen)) if seen else math.nan
     known = [order * roller for order in settings.orders.tolist() if seen]
-    lines = RecordLines(list(motions), settings.frequency_range_hz, known)
+    lines = RecordLines(list(motions), FREQUENCIES_HZ, known)
     frequency = settings.hunting_frequency_hz or lines.strongest_hz
     if not frequency:
         raise IdentificationError('no stretch of the lateral channel is free of drop-outs')

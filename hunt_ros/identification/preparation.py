@@ -40,7 +40,7 @@ from hunt_ros.identification.record.screening import (
 from hunt_ros.identification.record.segments import Run, analyse_record
 from hunt_ros.identification.record.stops import ignoring, measuring
 from hunt_ros.identification.record.turning import with_angle
-from hunt_ros.identification.settings import IdentificationSettings
+from hunt_ros.identification.settings import FREQUENCIES_HZ, IdentificationSettings
 from hunt_ros.samples import Record, Series
 from hunt_ros.sensors import DISPLACEMENTS, saturated_from
 
@@ -99,7 +99,7 @@ class Recording:
             measures = True
             turning = with_angle(record, settings)
             channels = moving(turning)
-            low, rate = settings.frequency_range_hz[0], channels[0].rate_hz
+            low, rate = FREQUENCIES_HZ[0], channels[0].rate_hz
             few = f'{rate:.3g} samples a second are too few for a mode of {low:g} Hz'
             refuse(rate < 4.0 * low, channels[0].source, few)
         except IdentificationError as error:

@@ -14,8 +14,8 @@ from hunt_ros.errors import ConfigError
 from hunt_ros.rig import Rig
 from hunt_ros.settings import setting
 
-#: Where the hunting frequency is looked for, if the rig does not tell, Hz.
-_FREQUENCIES_HZ = (0.5, 20.0)
+#: Where the hunting frequency is looked for, if the rig does not tell it, Hz.
+FREQUENCIES_HZ = (0.5, 20.0)
 
 
 @dataclass(frozen=True)
@@ -49,14 +49,8 @@ class IdentificationSettings(Rig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        low, high = self.frequency_range_hz
-        _require('frequency_range_hz', (low, high), low < high, '0 < low < high')
         fine = all(0.0 <= a < b < math.inf and number >= 0 for a, b, number in self.ignore)
         _require('ignore', self.ignore, fine, '0 <= from < to, and a number')
-        for name in ('prior_v_c', 'prior_D1'):
-            prior = getattr(self, name) or (1.0, 1.0)
-            fine = 0.0 < prior[0] < math.inf and prior[1] > 0.0
-            _require(name, prior, fine, 'a positive value and a positive standard deviation')
 
     @classmethod
     def of_rig(cls, rig: Rig, **given: Any) -> IdentificationSettings:
@@ -69,12 +63,6 @@ class IdentificationSettings(Rig):
             For a value out of its range.
         """
         return cls(**{item.name: getattr(rig, item.name) for item in fields(Rig)}, **given)
-
-    @property
-    def frequency_range_hz(self) -> tuple[float, float]:
-        """Where the hunting frequency is looked for, Hz."""
-        low, high = _FREQUENCIES_HZ
-        return self.hunting_frequency_min_hz or low, self.hunting_frequency_max_hz or high
 
     @property
     def length_unit(self) -> float:

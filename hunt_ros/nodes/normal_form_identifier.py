@@ -50,8 +50,6 @@ class IdentifierConfig(Settings):
     length_scale_m: float = of_rig('length_scale_m')
     time_scale_s: float = of_rig('time_scale_s')
     hunting_frequency_hz: float = of_rig('hunting_frequency_hz')
-    hunting_frequency_min_hz: float = of_rig('hunting_frequency_min_hz')
-    hunting_frequency_max_hz: float = of_rig('hunting_frequency_max_hz')
     lines: tuple[float, ...] = of_rig('lines')
     roller_diameter_m: float = of_rig('roller_diameter_m')
     wheel_diameter_m: float = of_rig('wheel_diameter_m')

@@ -131,8 +131,6 @@ def test_the_levels_of_the_forecast_are_periods_long(merged, faster) -> None:
     quick['stamps_ns'] = stamps[0] + np.round((stamps - stamps[0]) / faster).astype(np.int64)
     config = DetectorConfig(
         hunting_frequency_hz=2.84 * faster,
-        hunting_frequency_min_hz=1.0 * faster,
-        hunting_frequency_max_hz=6.0 * faster,
         output_rate_hz=200.0,
     )
     found, plain = forecast_of(quick, config), forecast_of(merged, DetectorConfig())

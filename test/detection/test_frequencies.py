@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from hypothesis import strategies as st
 from made import record_of, words
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
-from hunt_ros.detection.configuration import nominal_hz, with_frequencies
+from hunt_ros.detection.configuration import with_frequency
 from hunt_ros.detection.offline import frequency_for
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
@@ -38,44 +37,34 @@ def slower(form: IdentifiedNormalForm, factor: float) -> IdentifiedNormalForm:
     return replace(form, form=replace(form.form, **scales))
 
 
-def range_of(config: DetectorConfig) -> tuple[float, float, float]:
-    return (
-        config.hunting_frequency_min_hz,
-        config.hunting_frequency_hz,
-        config.hunting_frequency_max_hz,
-    )
-
-
-positive = st.one_of(st.just(0.0), st.floats(0.1, 40.0))
-
-
-@given(positive, positive, positive, st.floats(0.02, 300.0), st.floats(8.0, 100.0))
-def test_whatever_is_given_there_is_a_range(low, middle, high, form_hz, rows) -> None:
-    names = ('hunting_frequency_min_hz', 'hunting_frequency_hz', 'hunting_frequency_max_hz')
-    given_values = dict(zip(names, (low, middle, high), strict=True))
-    in_order = [value for value in (low, middle, high) if value > 0.0]
-    if any(b <= a for a, b in pairwise(in_order)):
-        with pytest.raises(ConfigError, match='must be above'):
-            DetectorConfig(**given_values)
-        return
-    rate = min(rows * max([2.84, *in_order]), 1000.0)
-    asked = DetectorConfig(output_rate_hz=rate, **given_values)
-    found = with_frequencies(asked, nominal_hz(asked, form_hz, 2.84))
-    lowest, nominal, highest = range_of(found)
-    assert lowest < nominal < highest
-    for value, told in zip((low, middle, high), range_of(found), strict=True):
-        assert value in (0.0, told)
-    assert with_frequencies(found) == found
+@given(st.floats(0.02, 300.0), st.floats(8.0, 100.0))
+def test_whatever_the_form_says_there_is_a_range(form_hz, rows) -> None:
+    asked = DetectorConfig(output_rate_hz=min(rows * 2.84, 1000.0))
+    found = with_frequency(asked, form_hz)
+    lowest, highest = found.followed_hz
+    assert lowest < found.hunting_frequency_hz < highest
+    assert with_frequency(found, 1.0) == found
 
 
 def test_nothing_given_is_the_usual_range_and_a_near_form_leaves_it() -> None:
     asked = DetectorConfig()
-    assert range_of(with_frequencies(asked)) == (1.0, 2.84, 6.0)
-    assert nominal_hz(asked, 2.5, 2.84) == 2.84
-    assert nominal_hz(asked, None, 0.8) == 0.8
-    assert nominal_hz(asked, 0.8, 2.84) == 0.8
-    assert nominal_hz(replace(asked, hunting_frequency_hz=5.0), 0.8, 2.84) == 5.0
-    assert range_of(with_frequencies(asked, 0.8)) == pytest.approx((0.8 / 2.84, 0.8, 4.8 / 2.84))
+    assert with_frequency(asked).followed_hz == asked.followed_hz == (1.0, 6.0)
+    for form_hz, present_hz, expected in (
+        (2.5, 2.84, 2.84),
+        (None, 0.8, 0.8),
+        (0.8, 2.84, 0.8),
+    ):
+        found = with_frequency(asked, form_hz, present_hz)
+        assert found.hunting_frequency_hz == expected
+        assert found.followed_hz == pytest.approx((expected / 2.84, 6.0 * expected / 2.84))
+    named = replace(asked, hunting_frequency_hz=5.0)
+    assert with_frequency(named, 0.8) == named
+    for rig, named in (
+        ({'hunting_frequency_hz': 0.01}, 'below'),
+        ({'output_rate_hz': 5.0}, 'too'),
+    ):
+        with pytest.raises(ConfigError, match=named):
+            DetectorConfig(**rig)
 
 
 @pytest.mark.parametrize('factor', [3.6, 0.35])

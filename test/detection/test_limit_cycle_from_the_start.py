@@ -39,8 +39,6 @@ def said(
     config = DetectorConfig(
         channels=tuple(channels),
         hunting_frequency_hz=hz,
-        hunting_frequency_min_hz=0.35 * hz,
-        hunting_frequency_max_hz=2.1 * hz,
     )
     events = detect(HuntingDetector(config), record_of(t, **channels)).events
     found = (e.stamp_ns for e in events if e.event == 'limit_cycle')

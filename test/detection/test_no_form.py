@@ -44,8 +44,6 @@ def trial(rig, seed: int, hit: float, noise: float = 0.03, forcing: float = 0.05
     config = DetectorConfig(
         channels=('lateral',),
         hunting_frequency_hz=nominal,
-        hunting_frequency_min_hz=0.35 * nominal,
-        hunting_frequency_max_hz=2.1 * nominal,
         output_rate_hz=max(100.0, round(3.5 * nominal) * 10.0),
     )
     detector = HuntingDetector(config)

@@ -8,7 +8,7 @@ from made import record_of
 from numpy.typing import NDArray
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, State, detect, doubts
-from hunt_ros.detection.configuration import with_frequencies
+from hunt_ros.detection.configuration import with_frequency
 from hunt_ros.detection.second_opinion import SecondOpinion
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import Record, Series
@@ -80,7 +80,7 @@ def opinion_on(
     readings: NDArray[np.float64], line_hz: float, said: tuple[float, float, float]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return envelope and disagreement from 20 s on, beside a filter that says one thing."""
-    config = with_frequencies(DetectorConfig(hunting_frequency_hz=4.0))
+    config = with_frequency(DetectorConfig(hunting_frequency_hz=4.0))
     rows_ns = (np.arange(readings.size) + 1) * config.period_ns
     told = [np.full(rows_ns.size, value) for value in (*said, 0.0)]
     angle, turning = 2.0 * np.pi * line_hz * rows_ns * 1e-9, np.full(rows_ns.size, line_hz)

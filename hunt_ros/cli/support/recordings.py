@@ -28,8 +28,6 @@ _OF_RIG = {
     '--roller-diameter': 'roller_diameter_m',
     '--wheel-diameter': 'wheel_diameter_m',
     '--frequency': 'hunting_frequency_hz',
-    '--frequency-min': 'hunting_frequency_min_hz',
-    '--frequency-max': 'hunting_frequency_max_hz',
     '--lines': 'lines',
     '--prior-v-c': 'prior_v_c',
     '--prior-D1': 'prior_D1',

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hunt_ros.compiled import F1, compiled_part
-from hunt_ros.detection.configuration import DetectorConfig, with_frequencies
+from hunt_ros.detection.configuration import DetectorConfig, with_frequency
 from hunt_ros.detection.decision.limits import LIMITS
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 
@@ -56,11 +56,11 @@ def rules_of(config: DetectorConfig, v_n: float, v_c: float) -> Rules:
     Parameters
     ----------
     config : DetectorConfig
-        In SI, with numbers for the frequencies or not.
+        In SI.
     v_n, v_c : float
         Boundaries of the regions, m/s; NaN: none, unknown.
     """
-    config = with_frequencies(config)
+    config = with_frequency(config)
     period = config.period_ns * 1e-9
     faster = config.hunting_frequency_hz / REFERENCE_HZ
     step = max(round(_STEP_PERIODS / REFERENCE_HZ / (period * faster)), 1)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.detection import doubts, health
-from hunt_ros.detection.configuration import DetectorConfig, with_frequencies
+from hunt_ros.detection.configuration import DetectorConfig, with_frequency
 from hunt_ros.detection.output import blank_rows, joined_rows
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.detection.words.reasons import reason_counts
@@ -163,7 +163,7 @@ class Clearances:
     """
 
     def __init__(self, config: DetectorConfig) -> None:
-        tuned_hz = with_frequencies(config).hunting_frequency_hz
+        tuned_hz = with_frequency(config).hunting_frequency_hz
         self.least_s = math.ceil(_LEAST_S * REFERENCE_HZ / tuned_hz)
         self.margin_in = config.margin_in
         self.ended: deque[Clearance] = deque(maxlen=_KEPT)

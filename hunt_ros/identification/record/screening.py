@@ -20,7 +20,7 @@ from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.record.channels import Channels, channels_of, refuse, runs
 from hunt_ros.identification.record.envelope import Envelope
-from hunt_ros.identification.settings import IdentificationSettings
+from hunt_ros.identification.settings import FREQUENCIES_HZ, IdentificationSettings
 from hunt_ros.samples import NANOSECONDS, Record, Series
 
 #: Below this share of its highest speed a rig stands: there is nothing to learn there.
@@ -268,7 +268,7 @@ def without_contact(channels: Channels, settings: IdentificationSettings) -> Cha
         return channels
     away = np.abs(channels.lateral - np.nanmedian(channels.lateral))
     touching = away >= _TOUCHES * settings.flange_clearance_m
-    reach = round(0.5 * channels.rate_hz / settings.frequency_range_hz[0])
+    reach = round(0.5 * channels.rate_hz / FREQUENCIES_HZ[0])
     near = maximum_filter1d(touching, 2 * reach + 1)
     free = np.where(near, np.nan, channels.lateral)
     return replace(channels, lateral=free) if np.isfinite(free).any() else channels

@@ -7,7 +7,7 @@ from hunt_ros.estimation.record_lines import RecordLines
 from hunt_ros.identification.record.channels import channels_of
 from hunt_ros.identification.record.envelope import envelope_of
 from hunt_ros.identification.record.hunting_frequency import motion_of_channels, tracked_envelope
-from hunt_ros.identification.settings import IdentificationSettings
+from hunt_ros.identification.settings import FREQUENCIES_HZ, IdentificationSettings
 from hunt_ros.samples import Record, Series
 
 SETTINGS = IdentificationSettings()
@@ -45,7 +45,7 @@ def test_the_hunting_line_is_found_under_a_stronger_roughness_line():
         record(time, hunting(time, 5e-5) + 3e-4 * np.cos(roller), roller=roller)
     )
     known = [1.0 / (0.3 * np.pi)]
-    lines = RecordLines([motion_of_channels(channels)], SETTINGS.frequency_range_hz, known)
+    lines = RecordLines([motion_of_channels(channels)], FREQUENCIES_HZ, known)
     assert lines.strongest_hz == pytest.approx(2.8, abs=0.03)
 
 
