@@ -180,7 +180,7 @@ def _times(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
     yield _judged('rate', channel, 1.0 / step < least, text, advice, 1.0 / step, 'Hz')
     jitter = float(np.std(steps[regular])) / math.sqrt(2.0)
     most = _JITTER_SHARE / (2.0 * math.pi * _highest_hz(rig))
-    text = f'stamps are off by {1e3 * jitter:.3g} ms (standard deviation)'
+    text = f'stamps are off by {1e3 * jitter:.3f} ms (standard deviation)'
     advice = (
         'stamp the samples by the clock of the converter, not when a program reads them'
         f' (expected at most {1e3 * most:.2g} ms)'

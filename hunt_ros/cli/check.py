@@ -173,7 +173,7 @@ def _filters(record: Record, rig: Rig) -> list[Finding]:
     if abs(apart) > 0.1:  # a fixed filter leaves something of noise and of a beat
         state = WARN
         advice = 'set hunting_frequency_hz and lines of the rig file; or a kernel computes wrongly'
-    text = f'the amplitude is {apart:+.1%} off that of a textbook Kalman filter'
+    text = f'the amplitude is {100 * apart:+.1f} % off that of a textbook Kalman filter'
     return [Finding('filter', '', state, text, advice, apart)]
 
 

@@ -30,5 +30,5 @@ def run(arguments: argparse.Namespace) -> int:
     if not is_complete():
         return 1  # it has been said why
     seconds = f' ({time.monotonic() - began:.0f} s)' if count else ''
-    print(f'the kernels are compiled: {count} now{seconds}, the others were')
+    print(f'the kernels are compiled, {count} of them now{seconds}')
     return 0

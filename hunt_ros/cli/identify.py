@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import tell
@@ -24,7 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
     add_recordings(parser)
     what = 'write the ROS parameter file here, and beside it the whole identification, as .npz'
-    options.add(parser, '--out', type=_parameter_file, metavar='FILE', help=what)
+    options.add(parser, '--out', type=options.new_file('.yaml', '.yml'), metavar='FILE', help=what)
     options.add(parser, '--json')
 
 
@@ -41,13 +40,6 @@ def run(arguments: argparse.Namespace) -> int:
         partial.replace(whole_of(arguments.out))
     tell(arguments.json, result.to_json, lambda: describe(result))
     return 0 if result.normal_form is not None else 1
-
-
-def _parameter_file(text: str) -> Path:
-    path = options.new_file()(text)
-    if whole_of(path) == path:
-        raise argparse.ArgumentTypeError(f'expected the name of a YAML file, got {text}')
-    return path
 
 
 def describe(result: Identification) -> str:

@@ -28,8 +28,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
     add_recordings(parser)
     add = partial(options.add, parser)
-    out = Path('report.html')
-    add('--out', type=options.new_file(), metavar='FILE', default=out, help=f'the page ({out})')
+    page, out = options.new_file('.html'), Path('report.html')
+    add('--out', type=page, metavar='FILE', default=out, help=f'the page ({out})')
     add('--figures', type=Path, metavar='DIR', help='write each figure as SVG and PNG here')
     add('--title', metavar='TEXT', help='of the page')
     what = 'identify each recording by itself too, and set them side by side'

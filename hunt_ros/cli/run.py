@@ -66,6 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
             'which rig? Expected --simulated (a simulated one), --listen (sensor nodes of your'
             ' own, or hunt replay --live) or --rig FILE (where the drivers find it)'
         )
+    if arguments.sim_time and not arguments.listen:
+        raise ConfigError('--sim-time: only with --listen, beside hunt replay --live')
     folder, namespace = arguments.directory, arguments.namespace
     kept = folder / NEWEST_FILE
     form = arguments.normal_form or (kept if kept.exists() else None)

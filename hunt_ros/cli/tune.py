@@ -57,7 +57,7 @@ def _values(word: str) -> tuple[str, tuple[float, ...]]:
     except ValueError:
         numbers = ()
     if not numbers or not isinstance(getattr(DetectorConfig(), name, None), float):
-        raise ConfigError(f'--grid {word}: expected a number of hunting_detector, NAME=X,X,...')
+        raise ConfigError(f'--grid {word}: expected numbers of one setting, NAME=X,X,...')
     return name, numbers
 
 
@@ -77,15 +77,16 @@ def _truth(truths: Sequence[Truth]) -> dict[str, float]:
 
 def _lines(truths: Sequence[Truth], outcomes: Sequence[Outcome]) -> list[str]:
     lines = [
-        '{recordings} recordings: hunting {hunting} times, {hunting_s:.0f} s; harmless'
-        ' {harmless_s:.0f} s; undecided {undecided_s:.0f} s'.format(**_truth(truths)),
+        'recordings: {recordings}; hunting: {hunting} x, {hunting_s:.0f} s; harmless:'
+        ' {harmless_s:.0f} s; undecided: {undecided_s:.0f} s'.format(**_truth(truths)),
         f'{"setting":32}{"false":>6}{"an hour (95 %)":>26}{"delay (s)":>24}{"missed":>8}'
         f'{"undecided":>11}',
     ]
     for one in outcomes:
         name = f'{one.setting}={one.value:g}' if one.setting else 'as they are'
         rate, (median, least, longest) = one.per_hour, one.delay_s
-        told = f'{rate.value:.3g} ({rate.low:.2g} to {rate.high:.2g})' if one.harmless_s else '-'
+        count, low, high = (float(f'{x:.2g}') for x in (rate.value, rate.low, rate.high))
+        told = f'{count:g} ({low:g} to {high:g})' if one.harmless_s else '-'
         delay = f'{median:.2f} ({least:.2f} to {longest:.2f})' if one.delays_s else '-'
         lines.append(
             f'{name:32}{one.false_alarms:>6}{told:>26}{delay:>24}{one.missed:>8}{one.undecided:>11}'

@@ -135,6 +135,7 @@ def figure(drawing: str, number: str, caption: str, wide: bool = False) -> str:
     """
     kind = 'page' if wide else 'column'
     head = f'<b>{escape(number)}</b> ' if number else ''
+    drawing = f'<div class="drawing">{drawing}</div>'
     return f'<figure class="{kind}">{drawing}<figcaption>{head}{caption}</figcaption></figure>'
 
 

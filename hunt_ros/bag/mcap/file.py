@@ -176,7 +176,7 @@ class McapFile:
     def _damage(self, chunk: rec.Chunk, reason: str) -> BagError:
         return BagError(
             f'{self.path}: chunk at byte {chunk.offset}: {reason};'
-            ' "hunt info --repair OUT" saves what is sound'
+            ' "hunt info BAG --repair OUT" saves what is sound'
         )
 
 

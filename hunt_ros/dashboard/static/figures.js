@@ -254,15 +254,18 @@ function drawLines(plot) {
   ctx.textAlign = 'right';
   ctx.lineWidth = 0.13 * rem * devicePixelRatio;
   ctx.setLineDash([ctx.lineWidth, 2 * ctx.lineWidth]);
-  for (const line of (sections.spectrum || {lines: []}).lines) {
+  let [beside, below] = [-Infinity, 0];   // a name that would lie on the one before stands below it
+  for (const line of [...(sections.spectrum || {lines: []}).lines].sort((a, b) => a.hz - b.hz)) {
     const x = plot.valToPos(line.hz, 'x', true);
+    const down = x - beside < rem * devicePixelRatio ? below : 0;
+    [beside, below] = [x, down + ctx.measureText(`${line.name}  `).width];
     ctx.strokeStyle = palette.roughness;
     ctx.beginPath();
     ctx.moveTo(x, bbox.top);
     ctx.lineTo(x, bbox.top + bbox.height);
     ctx.stroke();
     ctx.save();
-    ctx.translate(x - 2 * devicePixelRatio, bbox.top + 2);
+    ctx.translate(x - 2 * devicePixelRatio, bbox.top + 2 + down);
     ctx.rotate(-Math.PI / 2);
     ctx.fillStyle = palette.ink;
     ctx.fillText(line.name, 0, 0);

@@ -182,25 +182,19 @@ def _seen_without_model(axes: Axes, one: Identification) -> None:
 def _observed_speeds(axes: Axes, one: Identification) -> None:
     """Mark the critical speeds as read off the jumps, with half a speed step either side."""
     step = one.observed.step or 0.0
-    seen = {'v_n': one.observed.v_n, 'v_c': one.observed.v_c}
-    known = [speed for speed in seen.values() if speed is not None]
     left, right = axes.get_xlim()
-    # Names beside each other, turned outwards where they would meet.
-    crowded = len(known) == 2 and abs(known[1] - known[0]) < 0.35 * (right - left)
-    sides = {'v_n': 'right', 'v_c': 'left'} if crowded else dict.fromkeys(seen, 'center')
-    for key, speed in seen.items():
+    for key, speed in {'v_n': one.observed.v_n, 'v_c': one.observed.v_c}.items():
         if speed is None:
             continue
-        # A name at the edge would lie on the numbers of the axis.
-        if speed < left + 0.15 * (right - left):
-            sides[key] = 'left'
-        elif speed > right - 0.15 * (right - left):
-            sides[key] = 'right'
+        # The names are turned outwards; one at the edge would lie on the numbers of the axis.
+        share = (speed - left) / (right - left)
+        outwards = 'right' if key == 'v_n' else 'left'
+        side = 'left' if share < 0.25 else 'right' if share > 0.75 else outwards
         if step:
             axes.axvspan(speed - step / 2, speed + step / 2, color=style.GRID, lw=0, zorder=0)
         line = {'linewidth': 0.6, 'linestyle': (0, (4, 2)), 'zorder': 1}
         style.upright(
             axes, speed, f'${key}$ observed\n{speed:.2f} m/s', style.MUTED, line,
-            xytext=(0, -1), ha=sides[key], fontsize=6.5, backgroundcolor=style.PAPER,
+            xytext=(3 if side == 'left' else -3, -1), ha=side, fontsize=6.5,
         )  # fmt: skip
     axes.set_xlim(left, right)

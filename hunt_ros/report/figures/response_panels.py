@@ -154,7 +154,8 @@ def _centred(axes: Axes, points: NDArray[np.float64]) -> None:
     x, y = 1.15 * np.maximum(np.abs(points).max(axis=0), 1e-9)
     axes.set_xlim(-x, x)
     axes.set_ylim(-y, y)
-    axes.locator_params(axis='x', nbins=4)
+    end = float(f'{0.7 * x:.1g}')
+    axes.set_xticks([-end, end])  # the numbers of three would touch in a narrow panel
 
 
 def _nothing(axes: Axes) -> None:
