@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         heard = _listen(arguments, rig)
         record, arrivals = _live(heard)
         findings = [*_publishers(heard, rig), *check_rig(record, arrivals, rig)]
-        findings += [_disk(record, arguments.directory or options.RECORDINGS), _alarm(arguments)]
+        findings += [_disk(record, options.recordings_of(arguments)), _alarm(arguments)]
     record = replace(record, channels=evened(record)[0])
     findings += [*_damage(record), *_units(record), *_stops(record), *_filters(record, rig)]
     failed = sum(finding.state == FAIL for finding in findings)

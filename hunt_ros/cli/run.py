@@ -52,8 +52,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--sim-time', **options.FLAG, help='follow /clock: for hunt replay --live')
     what = 'all nodes but the guards in one process: half the memory; they fail together'
     add('--one-process', **options.FLAG, help=what)
-    add('--page', '--rig', '--normal-form')
-    add('--directory', default=options.RECORDINGS)
+    add('--page', '--rig', '--normal-form', '--directory')
     add('--namespace', default='rig')
     longest = options.number(0.0, options.LONGEST_S, 's', above=True)
     add('--duration', type=longest, metavar='S', help='end after S seconds, not at Ctrl-C')
@@ -68,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
     if arguments.sim_time and not arguments.listen:
         raise ConfigError('--sim-time: only with --listen, beside hunt replay --live')
-    folder, namespace = arguments.directory, arguments.namespace
+    folder, namespace = options.recordings_of(arguments), arguments.namespace
     kept = folder / NEWEST_FILE
     form = arguments.normal_form or (kept if kept.exists() else None)
     files = [*arguments.rig, *([form] if form else [])]

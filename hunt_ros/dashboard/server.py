@@ -98,7 +98,7 @@ class PageServer:
             reason = os.strerror(error.errno) if error.errno else str(error)
             raise ConfigError(
                 f'the page cannot be served at {address}, port {port} ({reason}): choose another'
-                ' with the parameters address and port'
+                ' with --page PORT, or with the parameters address and port'
             ) from error
         port = int(self._sockets[0].getsockname()[1])
         self.site = Site(port, access, command, title, recordings, session_s, words)

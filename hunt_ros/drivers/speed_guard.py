@@ -337,7 +337,7 @@ class SpeedGuard:
         with self.deciding:
             asked = Shelved.asked(words, time.time())
             others = tuple(each for each in self._kept.shelved if each.code != asked.code)
-            why = f'{asked.code} for {asked.minutes:g} min: {asked.reason}'
+            why = f'{asked.code} for {asked.minutes:g} min: {asked.reason or "no longer"}'
             self.remember('shelved', why, shelved=(*others, asked) if asked.minutes else others)
             return f'shelved {why}; levels, latched alarm and interlock stay as they are'
 

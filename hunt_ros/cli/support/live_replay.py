@@ -12,7 +12,7 @@ from pathlib import Path
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.console import Console
 from hunt_ros.cli.support.processes import NodeSpec
-from hunt_ros.cli.support.suite import start_page
+from hunt_ros.cli.support.suite import start_nodes, start_page
 from hunt_ros.cli.support.supervisor import Supervisor
 from hunt_ros.cli.support.view import View
 from hunt_ros.detection import DetectorConfig
@@ -60,7 +60,8 @@ def replay_live(
                     begun = True
                     if line.get('listening') == 'False':
                         view.say('no node listens: starting a detector for this replay')
-                        supervisor.start(detector)
+                        own = {'hunting_detector': detector}
+                        start_nodes(supervisor, [*own], {}, own, _files(arguments))
                     if page is not None:
                         beside = arguments.bag.resolve().parent
                         view.say(start_page(supervisor, page, beside, {}, _files(arguments)))
@@ -88,13 +89,12 @@ def _player(arguments: argparse.Namespace) -> dict[str, object]:
 
 def _detector(
     arguments: argparse.Namespace, record: Record, settings: Iterable[Settings]
-) -> NodeSpec:
-    """Return the detector that fits the recording, for where none is running."""
+) -> dict[str, object]:
+    """Return the parameters of a detector that fits the recording, for where none is running."""
     config, _ = config_for(record, DetectorConfig())
     given = {name: value for kind in settings for name, value in vars(kind).items()}
     asked = {name: given[name] for name in (word.partition('=')[0] for word in arguments.set)}
-    parameters = {'use_sim_time': True, 'channels': config.channels, **asked}
-    return NodeSpec('hunting_detector', parameters, _files(arguments))
+    return {'use_sim_time': True, 'channels': config.channels, **asked}
 
 
 def _files(arguments: argparse.Namespace) -> list[Path]:

@@ -153,7 +153,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
     },
     '--namespace': {'type': _namespace, 'help': 'ROS namespace of the rig (default: rig)'},
     '--directory': {
-        'type': Path, 'metavar': 'DIR', 'help': f'recordings (default: {RECORDINGS})',
+        'type': Path, 'metavar': 'DIR',
+        'help': f'recordings (default: as in the rig file, else {RECORDINGS})',
     },
     '--page': {
         'type': whole(1, 65535), 'nargs': '?', 'const': 0, 'metavar': 'PORT',
@@ -365,6 +366,16 @@ def rig_texts(arguments: argparse.Namespace) -> list[tuple[str, str]]:
         if names == {'normal_form'}:
             raise ConfigError(f'--rig {source}: is a normal form, expected --normal-form {source}')
     return texts
+
+
+def recordings_of(arguments: argparse.Namespace) -> Path:
+    """Return where recordings go: as `--directory` says, else as the rig file does."""
+    from hunt_ros.rig import parameters_of
+
+    folder = RECORDINGS
+    for source, text in rig_texts(arguments):
+        folder = Path(str(parameters_of('bag_recorder', text, source).get('directory', folder)))
+    return arguments.directory or folder
 
 
 def check_stretch(arguments: argparse.Namespace) -> None:

@@ -111,23 +111,17 @@ def start_nodes(
     one_process : bool
         True for all but the guards in one process, which takes less memory and less CPU.
     """
+    # A file, for one on a command line does not win over the section of its node in another file.
+    own = supervisor.logs / f'{names[0]}.yaml'
+    sections = {
+        f'/**/{name}': {'ros__parameters': {**common, **parameters.get(name, {})}}
+        for name in names
+    }
+    own.write_text(json.dumps(sections), encoding='utf-8')
     alone = [name for name in names if name in GUARDS] if one_process else names
     for name in alone:
-        values = {**common, **parameters.get(name, {})}
-        supervisor.start(NodeSpec(name, values, files))
-    together = [name for name in names if name not in alone]
-    if together:
-        # A command line cannot name a parameter of one node under a namespace: a file can.
-        own = supervisor.logs / f'{SUITE}.yaml'
-        own.write_text(
-            json.dumps(
-                {
-                    f'/**/{name}': {'ros__parameters': {**common, **parameters.get(name, {})}}
-                    for name in together
-                }
-            ),
-            encoding='utf-8',
-        )
+        supervisor.start(NodeSpec(name, {}, [*files, own]))
+    if together := [name for name in names if name not in alone]:
         supervisor.start(NodeSpec(SUITE, {}, [*files, own], nodes=together))
 
 

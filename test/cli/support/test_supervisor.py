@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
 from hunt_ros.cli.main import main
 from hunt_ros.cli.support import suite, supervisor
+from hunt_ros.cli.support.processes import NodeSpec
 from hunt_ros.cli.support.supervisor import Supervisor
 from hunt_ros.suite import SIMULATOR, SOURCES
 
@@ -37,3 +39,23 @@ def test_two_simulated_rigs_on_one_machine_do_not_share_a_port(
     file.write_text('/**/rig_simulator: {ros__parameters: {port: 47110}}')
     assert main([*words, '--rig', str(file)]) == 0
     assert SIMULATOR not in started[1], 'the file says where the simulator is'
+
+
+def test_recordings_go_where_the_option_says_else_where_the_rig_file_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A section of a node in the rig file once won over the option: no recording in its folder."""
+    pytest.importorskip('rclpy', reason='the extra ros is not installed')
+    started: list[NodeSpec] = []
+    monkeypatch.setattr(supervisor.Supervisor, 'start', lambda _, spec, *__: started.append(spec))
+    file, told, asked = tmp_path / 'rig.yaml', tmp_path / 'told', tmp_path / 'asked'
+    file.write_text(f'/**/bag_recorder: {{ros__parameters: {{directory: {told}}}}}')
+    words = ['run', '--listen', '--duration', '1e-9', '--rig', str(file)]
+    for given, folder in (([], told), (['--directory', str(asked)], asked)):
+        started.clear()
+        assert main([*words, *given]) == 0
+        (recorder,) = (spec for spec in started if spec.module == 'bag_recorder')
+        assert [recorder.parameter_files[0], recorder.parameters] == [file, {}]
+        own = json.loads(recorder.parameter_files[-1].read_text())
+        assert own['/**/bag_recorder']['ros__parameters']['directory'] == str(folder)
+        assert (folder / 'logs').is_dir()
