@@ -186,17 +186,11 @@ class Told:
             'alarm': status.get('alarm') == 'True',
             'absent': status.get('absent', ''),
             'clearance': '' if silent else self.words.text(status.get('clearance', '')),
-            'normal_form': self.words.text(status.get('normal_form', '')),
             'since_s': None if silent else known(number_of(status, 'since_s')),
             'stamp_s': round(self._stamp_s, 3),
             'speed': self.words.speed(number_of(status, 'speed_mps')),
             'amplitude_mm': known(1e3 * number_of(status, 'amplitude_m')),
             'amplitude_std_mm': known(1e3 * number_of(status, 'amplitude_std_m')),
-            'unstable_mm': known(1e3 * number_of(status, 'unstable_amplitude_m')),
-            'stable_mm': known(1e3 * number_of(status, 'stable_amplitude_m')),
-            'fold_mm': known(1e3 * number_of(status, 'fold_amplitude_m')),
-            'v_n': self.words.speed(number_of(status, 'v_n_mps')),
-            'v_c': self.words.speed(number_of(status, 'v_c_mps')),
         }
 
     def _heard(self, node: str, now_s: float) -> Mapping[str, str] | None:

@@ -1,4 +1,4 @@
-"""The live view on the terminal: the whole of it; elsewhere what happens, line by line."""
+"""What happens, line by line; on a terminal below it how the rig is, over and over."""
 
 from __future__ import annotations
 
@@ -11,17 +11,15 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
-from hunt_ros.cli.support.screen import STYLES, Screen, event_line
+from hunt_ros.cli.support.screen import STYLES, event_line, printable, rows
 from hunt_ros.dashboard.told import Told
 
-#: Drawings a second.
-_RATE_HZ = 5.0
-#: Lines that are kept.
-_KEPT = 1000
+#: It is drawn so often, s; and the end waits so long for a terminal that takes nothing, s.
+_DRAWN_S, _STUCK_S = 0.2, 2.0
 #: Each node tells its health once a second: where none is heard for so long, s, it is the console
 #: that is silent. Who is silent is known again when it has listened for a while.
 _DEAF_S, _LISTENED_S = 2.0, 4.0
@@ -31,9 +29,9 @@ class View:
     """
     Shows what the console node reports; a context manager.
 
-    On a terminal the rig is drawn on all of it, over and over: silence is seen although nothing
-    comes. At the end the terminal shows what it showed before, and below it the newest lines of
-    what has happened. Elsewhere these lines are printed when they come, and nothing else.
+    What happens is printed when it comes. On a terminal the rig is drawn below it, over and over,
+    by a thread of its own: silence is seen although nothing comes, and a terminal that is held up
+    holds up nothing else.
 
     Parameters
     ----------
@@ -47,9 +45,10 @@ class View:
         self._console = Console(file=sys.stdout, highlight=False, soft_wrap=True)
         self._live: Live | None = None
         self._told = Told(namespace, speed_unit)
-        self._log: deque[tuple[str, str]] = deque(maxlen=_KEPT)
-        self._lines = 0
+        #: Lines that wait for the terminal.
+        self._waiting: deque[tuple[str, str]] = deque()
         self._keys: tuple[str, ...] = ('Ctrl-C: quit',)
+        self._ended = threading.Event()
         self._lock = threading.Lock()
         self._origin_ns = 0  # of the first stamp; none where nothing was received yet
         self._health: dict[str, str] = {}
@@ -61,25 +60,39 @@ class View:
         if sys.stdout.isatty() and not self._console.is_dumb_terminal:
             self._live = Live(
                 console=self._console,
-                screen=True,
-                get_renderable=self._screen,
-                refresh_per_second=_RATE_HZ,
+                transient=True,
+                auto_refresh=False,
+                get_renderable=self._block,
+                vertical_overflow='crop',
                 redirect_stdout=False,
                 redirect_stderr=False,
             )
             self._live.start()
+            self._drawer = threading.Thread(target=self._draw, args=(self._live,), daemon=True)
+            self._drawer.start()
         return self
 
     def __exit__(self, *error: object) -> None:
         live, self._live = self._live, None
         if live is None:
             return
+        self._ended.set()
+        self._drawer.join(_STUCK_S)
+        if not self._drawer.is_alive():
+            with suppress(OSError):  # the terminal is gone
+                live.stop()
+                self._print_waiting()
+
+    def _draw(self, live: Live) -> None:
+        """Print what waits and draw the rig, until the end."""
         with suppress(OSError):  # the terminal is gone
-            live.stop()
-            if self._lines > len(self._log):
-                self._print(f'... {self._lines - len(self._log)} lines before these', '')
-            for line in self._log:
-                self._print(*line)
+            while not self._ended.wait(_DRAWN_S):
+                self._print_waiting()
+                live.refresh()
+
+    def _print_waiting(self) -> None:
+        while self._waiting:
+            self._print(*self._waiting.popleft())
 
     def show(self, line: dict[str, Any]) -> None:
         """Show one line of the console node."""
@@ -111,10 +124,8 @@ class View:
         text = self._told.words.in_unit(text)
         if self._live is None:
             self._print(text, style)
-            return
-        with self._lock:
-            self._log.append((text, style))
-            self._lines += 1
+        else:
+            self._waiting.append((text, style))
 
     def drive_mps(self, name: str) -> float:
         """Return a speed that the drive tells, m/s; NaN where it is silent."""
@@ -127,12 +138,13 @@ class View:
             self.say(', '.join(['keys', *keys]))
         self._keys = tuple(keys)
 
-    def _screen(self) -> Screen:
+    def _block(self) -> Group:
         with self._lock:
-            return Screen(self._told.sections(time.monotonic()), tuple(self._log), self._keys)
+            sections = self._told.sections(time.monotonic())
+        return Group(*rows(sections, self._keys, self._console.width))
 
     def _print(self, text: str, style: str) -> None:
-        self._console.print(Text(text, style=style))
+        self._console.print(Text(printable(text), style=style))
 
     def _take_health(self, line: dict[str, Any], now_s: float) -> None:
         """Say when a node is unwell or silent, and when it is well again."""
