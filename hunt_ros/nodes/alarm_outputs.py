@@ -21,11 +21,11 @@ from diagnostic_msgs.msg import DiagnosticArray
 from hunt_ros.drivers.alarm_output import AlarmOutput, AlarmSettings, Call, Condition
 from hunt_ros.errors import ConfigError, DriverError, one_line
 from hunt_ros.nodes.support.conversions import read_diagnostic
-from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
+from hunt_ros.nodes.support.diagnostics import Health, steady_clock
 from hunt_ros.nodes.support.node import SuiteNode
-from hunt_ros.nodes.support.parameters import declare, warn_unknown
+from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
-from hunt_ros.nodes.support.worker import Worker, answer_aside
+from hunt_ros.nodes.support.worker import answer_aside
 from hunt_ros.suite import Awaited
 
 _LOOK_S = 0.05
@@ -47,25 +47,23 @@ class AlarmOutputsNode(SuiteNode):
         super().__init__('alarm_outputs')
         self._config = declare(self, AlarmSettings)
         self._outputs = self._config.outputs()
-        warn_unknown(self)
         if not self._outputs:
             raise ConfigError('alarm_outputs: none of sound, command and relay_coil is given')
         self._call = Call(self._config.silence_s, time.monotonic())
-        self._problems: dict[str, str] = {}
         self._testing = self._left = False
         self._proof = Path(self._config.tested_file) if self._config.tested_file else None
         self._tested = 'never'
         if self._proof is not None and self._proof.exists():
             self._tested = _as_clock(self._proof.stat().st_mtime)
         self._changed = {name: threading.Event() for name in self._outputs}
-        self._diagnostics = Diagnostics(self, self._health)
         self.create_subscription(DiagnosticArray, 'hunting/status', self._on_status, STATUS)
         self.create_subscription(DiagnosticArray, 'speed/status', self._on_drive, latched())
         self.create_subscription(DiagnosticArray, 'hunting/events', self._on_event, EVENTS)
         self.create_timer(_LOOK_S, self._look, clock=steady_clock())
         failed = self._diagnostics.failed
         self._answers = answer_aside(self, failed, {'alarm/test': self._on_test})
-        self._workers = [Worker(failed, name, partial(self._work, name)) for name in self._outputs]
+        for name in self._outputs:
+            self.work(name, partial(self._keep, name))
 
     def wind_down(self) -> bool:
         """Call where nobody is left who could; what was shown so stays shown."""
@@ -81,8 +79,7 @@ class AlarmOutputsNode(SuiteNode):
         for worker in self._workers:
             worker.stopping.set()
         self._wake()
-        for worker in self._workers:
-            worker.stop()
+        super().close()
 
     def _on_status(self, message: DiagnosticArray) -> None:
         """Take a status of the detector."""
@@ -106,7 +103,7 @@ class AlarmOutputsNode(SuiteNode):
         for changed in self._changed.values():
             changed.set()
 
-    def _work(self, name: str, stopping: threading.Event) -> None:
+    def _keep(self, name: str, stopping: threading.Event) -> None:
         """Keep one output at the present condition; what fails is told, and tried again."""
         output, changed = self._outputs[name], self._changed[name]
         again_s = _AGAIN_S
@@ -131,12 +128,10 @@ class AlarmOutputsNode(SuiteNode):
         try:
             act(self._outputs[name])
         except Exception as error:  # whatever a library of the hardware raises
-            if name not in self._problems:
-                self.get_logger().error(f'{name}: {one_line(error)}')
-            self._problems[name] = one_line(error)
-        else:
-            self._problems.pop(name, None)
-        return self._problems.get(name, '')
+            self._diagnostics.failed(name, error)
+            return one_line(error)
+        self._diagnostics.done(name)
+        return ''
 
     def _on_test(self) -> str:
         """Have every output call for a moment, as a status of the detector would."""
@@ -163,9 +158,6 @@ class AlarmOutputsNode(SuiteNode):
             'acknowledged': self._call.acknowledged,
             'tested': self._tested,
         }
-        problems = [f'{name}: {problem}' for name, problem in list(self._problems.items())]
-        if problems:
-            return 'ERROR', '; '.join(problems), values
         if self._call.condition is Condition.WAITING:
             return Awaited('WARN'), self._call.cause, values
         words = f'{self._call.condition.value}; tested from detector to output: {self._tested}'

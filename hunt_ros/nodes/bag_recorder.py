@@ -18,6 +18,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, cast
@@ -36,12 +37,12 @@ from hunt_ros.bag.repair import finalise_left
 from hunt_ros.errors import BagError, ConfigError
 from hunt_ros.nodes.support.clipper import Clipper
 from hunt_ros.nodes.support.conversions import message_class
-from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
+from hunt_ros.nodes.support.diagnostics import Health, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import ESTIMATES
 from hunt_ros.nodes.support.hearing import CallWords, Missed, waiting
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameter_collector import ParameterCollector
-from hunt_ros.nodes.support.parameters import declare, warn_unknown
+from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import JOURNAL, MEASUREMENTS, latched, stream
 from hunt_ros.nodes.support.worker import Worker, answer_aside
 from hunt_ros.rig import of_rig
@@ -87,6 +88,8 @@ _FOREIGN_KEPT = 1000
 #: node listens.
 _RESENT_S = 6.5
 _ROUND_S, _LOOK_S = 0.05, 0.25
+#: What fails, on `/diagnostics`.
+_TASK = 'recording'
 #: A recording that cannot be is tried again after this, s.
 _AGAIN_S = 5.0
 
@@ -167,8 +170,7 @@ class BagRecorderNode(SuiteNode):
 
     def __init__(self) -> None:
         super().__init__('bag_recorder')
-        self._config = declare(self, RecorderConfig, self._reconfigure)
-        warn_unknown(self)
+        self._config = declare(self, RecorderConfig, partial(setattr, self, '_config'))
         self._recording: Recording | None = None
         self._finishing: Recording | None = None
         self._busy = threading.RLock()  # held while the recording is used or changed
@@ -176,11 +178,10 @@ class BagRecorderNode(SuiteNode):
         #: For how long the node has listened, s; a time in which it was held up is none.
         self._listened_s = 0.0
         self._refused: set[str] = set()
-        self._last = ('OK', 'no recording')
+        self._last = 'no recording'
         self._closed = self.create_publisher(String, OWN_TOPIC, latched())
         self._mark = self.create_publisher(String, _MARK_TOPIC, stream(10))
         self._words = CallWords(self, SERVICES['mark'].words_topic)
-        self._diagnostics = Diagnostics(self, self._health)
         failed = self._diagnostics.failed
         self._collector = ParameterCollector(self, failed, self._note_parameters)
         #: A recording is wanted, and tried again at this time where it cannot be, steady clock.
@@ -221,10 +222,6 @@ class BagRecorderNode(SuiteNode):
         self._clipper.close()  # what was on when the recording ended has a clip too
         self._closed.wait_for_all_acked(Duration(seconds=0.5))
 
-    def _reconfigure(self, config: RecorderConfig) -> None:
-        """Take new settings, for the next recording."""
-        self._config = config
-
     def _begin(self) -> Path:
         """Start a recording; what latched topics have said stands at its beginning."""
         config = self._config
@@ -239,10 +236,9 @@ class BagRecorderNode(SuiteNode):
         try:
             recording = Recording(path, config, notes=notes, compression=compression)
         except BagError as error:
-            if self._last != ('ERROR', str(error)):
-                self.get_logger().error(f'nothing is recorded: {error}')
-            self._fail(str(error))
+            self._fail(error)
             raise
+        self._diagnostics.done(_TASK)
         self._recording, self._began_s = recording, time.monotonic()
         self._collector.ask_again()
         for topic in self._topics.values():
@@ -252,9 +248,10 @@ class BagRecorderNode(SuiteNode):
         self.get_logger().info(f'recording {path}')
         return path
 
-    def _fail(self, problem: str) -> None:
+    def _fail(self, problem: BagError) -> None:
         """Say what is wrong, and try again later."""
-        self._last, self._again_s = ('ERROR', problem), time.monotonic() + _AGAIN_S
+        self._diagnostics.failed(_TASK, problem)
+        self._again_s = time.monotonic() + _AGAIN_S
 
     def _finish(self) -> Path:
         """Let no more messages into the recording, and close it; waits for the disk."""
@@ -265,11 +262,11 @@ class BagRecorderNode(SuiteNode):
         try:
             path = recording.stop()
         except BagError as error:
-            self._fail(str(error))
+            self._fail(error)
             raise
         finally:
             self._finishing = None
-        self._last = ('OK', f'closed {path.name}: {recording.state.messages} messages')
+        self._last = f'closed {path.name}: {recording.state.messages} messages'
         self._closed.publish(String(data=str(path.resolve())))
         self.get_logger().info(f'closed {path}')
         return path
@@ -301,12 +298,9 @@ class BagRecorderNode(SuiteNode):
         """Pick up new topics; close what ended by itself, and begin again what is wanted."""
         with self._busy:
             if self._recording is not None and (problem := self._recording.state.problem):
-                self.get_logger().error(problem)  # as when the disk is full
-                try:
+                with suppress(BagError):
                     self._finish()  # it has ended: nothing is waited for
-                except BagError as error:
-                    self.get_logger().error(str(error))
-                self._fail(problem)
+                self._fail(BagError(problem))  # as when the disk is full
             if self._recording is None and self._wanted and time.monotonic() >= self._again_s:
                 with suppress(BagError):  # it is said
                     self._begin()
@@ -451,7 +445,7 @@ class BagRecorderNode(SuiteNode):
 
     def _health(self) -> Health:
         if (recording := self._recording) is None:
-            return *self._last, {}
+            return 'OK', self._last, {}
         state = recording.state
         values = {
             'path': state.path,

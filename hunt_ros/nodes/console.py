@@ -23,7 +23,6 @@ from hunt_ros.nodes.support.caller import Answer, Caller
 from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
-from hunt_ros.nodes.support.worker import Worker
 from hunt_ros.services import KEYS, SERVICES
 
 #: A status is printed so often at most, unless what is in force changes, s.
@@ -49,11 +48,8 @@ class ConsoleNode(SuiteNode):
             self.create_subscription(DiagnosticArray, topic, partial(take, topic), quality)
         for topic in ('hunting/normal_form', 'recording/closed'):
             self.create_subscription(String, topic, partial(_print_text, topic), latched())
-        self._caller = Caller(self, self._failed, KEYS.values())
-        Worker(self._failed, 'commands', self._read)
-
-    def _failed(self, task: str, error: Exception) -> None:
-        self.get_logger().error(f'{task}: {error}')
+        self._caller = Caller(self, self._diagnostics.failed, KEYS.values())
+        self.work('commands', self._read)
 
     def _read(self, stopping: threading.Event) -> None:
         for line in sys.stdin:

@@ -23,10 +23,10 @@ from hunt_ros.dashboard.server import PageServer
 from hunt_ros.dashboard.words import Words
 from hunt_ros.nodes.support.caller import Caller
 from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns
-from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
+from hunt_ros.nodes.support.diagnostics import Health, steady_clock
 from hunt_ros.nodes.support.hearing import Channels, waiting
 from hunt_ros.nodes.support.node import SuiteNode
-from hunt_ros.nodes.support.parameters import declare, declare_normal_form, warn_unknown
+from hunt_ros.nodes.support.parameters import declare, declare_normal_form
 from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched, stream
 from hunt_ros.samples import counted
 from hunt_ros.sensors import DISPLACEMENTS
@@ -73,7 +73,6 @@ class DashboardNode(SuiteNode):
         config = declare(self, DashboardConfig)
         settings = declare(self, PageSettings)
         form = declare_normal_form(self)
-        warn_unknown(self)
         # First what may be refused: no thread runs yet.
         self._server = PageServer(
             config.address,
@@ -86,7 +85,6 @@ class DashboardNode(SuiteNode):
             Words(settings.speed_unit),
         )
         self._model = PageModel(settings, form, self.get_namespace())
-        self._diagnostics = Diagnostics(self, self._health)
         self._inbox = Channels(self, DISPLACEMENTS)
         model, now = self._model, time.monotonic
         told: dict[str, tuple[QoSProfile, Callable[..., None]]] = {

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from itertools import groupby
 from queue import SimpleQueue
 
@@ -32,7 +30,7 @@ from hunt_ros.detection.regions import Level
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.support.conversions import diagnostic
-from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, NewSince, log, steady_clock
+from hunt_ros.nodes.support.diagnostics import Health, NewSince, log, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import EstimatePublishers
 from hunt_ros.nodes.support.hearing import CallWords, Channels
 from hunt_ros.nodes.support.node import ManagedNode
@@ -40,10 +38,9 @@ from hunt_ros.nodes.support.parameters import (
     declare,
     declare_normal_form,
     read_wheelset,
-    warn_unknown,
 )
 from hunt_ros.nodes.support.qos import EVENTS, JOURNAL, STATUS, latched
-from hunt_ros.nodes.support.worker import Worker, offer
+from hunt_ros.nodes.support.worker import offer
 from hunt_ros.rig import of_rig
 from hunt_ros.samples import Uncertain
 from hunt_ros.settings import Settings, setting
@@ -67,45 +64,6 @@ class DetectorNodeConfig(Settings):
     rig_name: str = of_rig('rig_name')
 
 
-def accompany(
-    companions: Companions,
-    motions: SimpleQueue[NDArray[np.void] | None],
-    tell: Callable[[Verdict], None],
-    diagnostics: Diagnostics,
-    stopping: threading.Event,
-) -> None:
-    """
-    Feed what runs beside the detector, in a thread of its own: a refit delays no estimate.
-
-    Parameters
-    ----------
-    companions : Companions
-        What runs beside it.
-    motions : SimpleQueue
-        Rows of the detector; None: begin anew.
-    tell : callable
-        Gets each `Verdict`.
-    diagnostics : Diagnostics
-        Told of an error: what runs beside the detector then begins anew.
-    stopping : Event
-        Ends it.
-    """
-    while not stopping.wait(_ROUND_S):
-        waiting = [motions.get() for _ in range(motions.qsize())]
-        try:
-            for anew, rows in groupby(waiting, lambda motion: motion is None):
-                if anew:
-                    companions.reset()
-                    diagnostics.done(_TASK)
-                    continue
-                known = [motion for motion in rows if motion is not None]
-                for verdict in companions.update(np.concatenate(known)):
-                    tell(verdict)
-        except Exception as error:  # any: numbers of a rig that nobody has seen
-            diagnostics.failed(_TASK, error)
-            companions.reset()
-
-
 class HuntingDetectorNode(ManagedNode):
     """Feeds a `HuntingDetector` from the topics, and publishes what it says."""
 
@@ -116,10 +74,8 @@ class HuntingDetectorNode(ManagedNode):
         self._form = declare_normal_form(self, self._settings.rig_name)
         self._beside = declare(self, CompanionConfig)
         self._waiting: IdentifiedNormalForm | None = None
-        warn_unknown(self)
         self._rig = self.get_namespace().strip('/')
         self._was_well = False
-        self._diagnostics = Diagnostics(self, self._health)
         self._diagnostics.judge('hunting_alarm', self._alarm, self._rig)
         self._new = NewSince()
         load()  # no first sample waits for its machine code
@@ -133,9 +89,9 @@ class HuntingDetectorNode(ManagedNode):
         if beside.forecast == 'wheelset':
             rig = read_wheelset(beside.forecast_rig)
         self._companions = Companions(beside, self._config, rig)
+        #: Rows of the detector; None: begin anew.
         self._motions: SimpleQueue[NDArray[np.void] | None] = SimpleQueue()
-        shared = self._companions, self._motions, self._on_verdict, self._diagnostics
-        self._worker = Worker(self._diagnostics.failed, _TASK, partial(accompany, *shared))
+        self.work(_TASK, self._accompany)
         self.create_subscription(String, 'hunting/normal_form', self._on_form, latched())
         self._alarms = self.create_publisher(String, 'hunting/alarms', latched())
         self._name = CallWords(self, 'hunting/acknowledged_by')
@@ -158,6 +114,23 @@ class HuntingDetectorNode(ManagedNode):
         self._motions.put(None)
         self._inbox.clear()
         return super().on_activate(state)
+
+    def _accompany(self, stopping: threading.Event) -> None:
+        """Feed what runs beside the detector, in its own thread: a refit delays no estimate."""
+        while not stopping.wait(_ROUND_S):
+            waiting = [self._motions.get() for _ in range(self._motions.qsize())]
+            try:
+                for anew, rows in groupby(waiting, lambda motion: motion is None):
+                    if anew:
+                        self._companions.reset()
+                        self._diagnostics.done(_TASK)
+                        continue
+                    known = [motion for motion in rows if motion is not None]
+                    for verdict in self._companions.update(np.concatenate(known)):
+                        self._on_verdict(verdict)
+            except Exception as error:  # any: numbers of a rig that nobody has seen
+                self._diagnostics.failed(_TASK, error)
+                self._companions.reset()
 
     def _drain(self) -> None:
         """Hand what has come to the detector, and publish what it says."""
@@ -231,10 +204,6 @@ class HuntingDetectorNode(ManagedNode):
         """Return the forecast of v_c; None where there is none."""
         forecast = self._companions.forecast
         return None if forecast is None else forecast.critical_speed
-
-    def close(self) -> None:
-        """Stop the worker."""
-        self._worker.stop()
 
     def _on_verdict(self, verdict: Verdict) -> None:
         """Publish that a railway criterion began or ceased to exceed its limit."""

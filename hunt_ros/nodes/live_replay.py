@@ -14,6 +14,7 @@ import time
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,11 +23,11 @@ from rosgraph_msgs.msg import Clock
 from hunt_ros.bag import ChannelSource, read_record
 from hunt_ros.errors import BagError, ConfigError
 from hunt_ros.nodes.support.conversions import channel_writer, to_time
-from hunt_ros.nodes.support.diagnostics import Diagnostics, Health
+from hunt_ros.nodes.support.diagnostics import Health
 from hunt_ros.nodes.support.node import SuiteNode
-from hunt_ros.nodes.support.parameters import declare, warn_unknown
+from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import MEASUREMENTS, stream
-from hunt_ros.nodes.support.worker import Worker, offer
+from hunt_ros.nodes.support.worker import offer
 from hunt_ros.samples import CHANNELS, NANOSECONDS
 from hunt_ros.sensors import DISPLACEMENTS, MOTION
 from hunt_ros.settings import Settings, setting
@@ -63,8 +64,7 @@ class LiveReplayNode(SuiteNode):
 
     def __init__(self) -> None:
         super().__init__('live_replay')
-        self._config = config = declare(self, ReplayConfig, self._reconfigure)
-        warn_unknown(self)
+        self._config = config = declare(self, ReplayConfig, partial(setattr, self, '_config'))
         if not config.bag:
             raise ConfigError('live_replay: the parameter bag names no recording')
         record = read_record(config.bag, [ChannelSource.parse(word) for word in config.channels])
@@ -100,12 +100,7 @@ class LiveReplayNode(SuiteNode):
         self._heard = False
         offer(self, 'replay/pause', self._pause)
         offer(self, 'replay/resume', self._resume)
-        self._diagnostics = Diagnostics(self, self._health)
-        self._worker = Worker(self._diagnostics.failed, 'replay', self._work)
-
-    def close(self) -> None:
-        """Stop playing."""
-        self._worker.stop()
+        self.work('replay', self._play)
 
     def _company(self, ours: int) -> str:
         """
@@ -133,7 +128,7 @@ class LiveReplayNode(SuiteNode):
             for info in self.get_subscriptions_info_by_topic(name)
         )
 
-    def _work(self, stopping: threading.Event) -> None:
+    def _play(self, stopping: threading.Event) -> None:
         """Wait for listeners, then publish each message when it is due."""
         deadline = time.monotonic() + _LISTENERS_S
         while not (self._somebody_listens() or stopping.wait(_LOOK_S)):
@@ -181,9 +176,6 @@ class LiveReplayNode(SuiteNode):
     def _resume(self) -> str:
         self._playing = True
         return ''
-
-    def _reconfigure(self, config: ReplayConfig) -> None:
-        self._config = config
 
     def _health(self) -> Health:
         at_s, finished = (self._at_ns - self._stamps[0]) / NANOSECONDS, self._finished

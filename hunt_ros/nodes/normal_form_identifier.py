@@ -16,6 +16,7 @@ import threading
 import time
 from collections import deque
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from std_msgs.msg import String
@@ -23,13 +24,13 @@ from std_msgs.msg import String
 from hunt_ros.dynamics.identified import RECORDING, IdentifiedNormalForm
 from hunt_ros.errors import HuntError, one_line
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.nodes.support.diagnostics import Diagnostics, Health
+from hunt_ros.nodes.support.diagnostics import Health
 from hunt_ros.nodes.support.form_files import FormFiles
 from hunt_ros.nodes.support.node import SuiteNode
-from hunt_ros.nodes.support.parameters import declare, declare_normal_form, warn_unknown
+from hunt_ros.nodes.support.parameters import declare, declare_normal_form
 from hunt_ros.nodes.support.qos import latched
 from hunt_ros.nodes.support.refit import refit
-from hunt_ros.nodes.support.worker import Worker, offer
+from hunt_ros.nodes.support.worker import offer
 from hunt_ros.rig import Rig, of_rig
 from hunt_ros.samples import counted
 from hunt_ros.settings import Settings, setting
@@ -74,8 +75,7 @@ class NormalFormIdentifierNode(SuiteNode):
 
     def __init__(self) -> None:
         super().__init__('normal_form_identifier')
-        self._config = declare(self, IdentifierConfig, self._reconfigure)
-        warn_unknown(self)
+        self._config = declare(self, IdentifierConfig, partial(setattr, self, '_config'))
         self._files = FormFiles(Path(self._config.directory))
         self._seen: deque[Path] = deque(maxlen=1000)
         self._waiting: list[Path] = []
@@ -89,9 +89,8 @@ class NormalFormIdentifierNode(SuiteNode):
         self.create_subscription(String, 'recording/closed', self._on_closed, latched())
         offer(self, 'identify', self._on_identify)
         offer(self, 'hunting/revert_normal_form', self._on_revert)
-        self._diagnostics = Diagnostics(self, self._health)
         self._take_up(declare_normal_form(self, self._config.rig_name))
-        self._worker = Worker(self._diagnostics.failed, _TASK, self._work)
+        self.work(_TASK, self._follow)
 
     def _take_up(self, given: IdentifiedNormalForm | None) -> None:
         """Go on from the form that was given, which is in force, or publish the kept one."""
@@ -109,13 +108,6 @@ class NormalFormIdentifierNode(SuiteNode):
         self._state = ('OK', f'normal form from {counted(len(self._base), "recording")}')
         if given is None:
             self._publisher.publish(String(data=form.to_yaml()))
-
-    def close(self) -> None:
-        """Stop; the work in hand ends with it."""
-        self._worker.stop(1.0)
-
-    def _reconfigure(self, config: IdentifierConfig) -> None:
-        self._config = config
 
     def _on_closed(self, message: String) -> None:
         path = Path(message.data)
@@ -157,7 +149,7 @@ class NormalFormIdentifierNode(SuiteNode):
         """Recordings that the next refit rests on."""
         return min(len(self._base) + len(self._waiting), self._config.history)
 
-    def _work(self, stopping: threading.Event) -> None:
+    def _follow(self, stopping: threading.Event) -> None:
         """Identify whenever it is ordered (in the worker's thread)."""
         while not stopping.is_set():
             if not self._ordered.wait(_LOOK_S):

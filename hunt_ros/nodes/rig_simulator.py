@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,11 +26,11 @@ from hunt_ros.drivers.simulator_server import SimulatorServer
 from hunt_ros.dynamics.simulation import RollerRig, Roughness, SensorModel, SimulationSettings
 from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.support.conversions import to_ns, to_time
-from hunt_ros.nodes.support.diagnostics import Diagnostics, Health
+from hunt_ros.nodes.support.diagnostics import Health
 from hunt_ros.nodes.support.node import SuiteNode
-from hunt_ros.nodes.support.parameters import declare, read_wheelset, warn_unknown
+from hunt_ros.nodes.support.parameters import declare, read_wheelset
 from hunt_ros.nodes.support.qos import STATUS, stream
-from hunt_ros.nodes.support.worker import Worker, offer
+from hunt_ros.nodes.support.worker import offer
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
@@ -153,8 +154,7 @@ class RigSimulatorNode(SuiteNode):
 
     def __init__(self) -> None:
         super().__init__('rig_simulator')
-        self._config = config = declare(self, SimulatorConfig, self._reconfigure)
-        warn_unknown(self)
+        self._config = config = declare(self, SimulatorConfig, partial(setattr, self, '_config'))
         self._kicks = _kick_plan(config)
         settings = SimulationSettings(
             sample_rate_hz=config.sample_rate_hz,
@@ -173,18 +173,14 @@ class RigSimulatorNode(SuiteNode):
         self._behind_s = 0.0  # real time
         self._pending_kicks: list[float] = []
         offer(self, 'simulator/kick', self._on_kick)
-        self._diagnostics = Diagnostics(self, self._health)
-        self._worker = Worker(self._diagnostics.failed, 'simulation', self._work)
+        self.work('simulation', self._simulate)
 
     def close(self) -> None:
         """Stop simulating and disconnect the drivers."""
-        self._worker.stop()
+        super().close()
         self._server.close()
 
-    def _reconfigure(self, config: SimulatorConfig) -> None:
-        self._config = config
-
-    def _work(self, stopping: threading.Event) -> None:
+    def _simulate(self, stopping: threading.Event) -> None:
         """Advance the simulation with real time, a block every few milliseconds."""
         rate = self._config.sample_rate_hz * self._config.time_scale
         pause_s = max(_BLOCK_S, 1.0 / rate)

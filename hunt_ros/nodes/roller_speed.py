@@ -35,10 +35,10 @@ from hunt_ros.dynamics.profile.run import SET_POINT_S
 from hunt_ros.errors import ConfigError, DriverError, HuntError
 from hunt_ros.files import write_whole
 from hunt_ros.nodes.support.conversions import diagnostic, heard_of, joint_writer, twist
-from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, NewSince, log, steady_clock
+from hunt_ros.nodes.support.diagnostics import Health, NewSince, log, steady_clock
 from hunt_ros.nodes.support.driver_node import DriverNode
 from hunt_ros.nodes.support.hearing import CallWords, Channels
-from hunt_ros.nodes.support.parameters import declare, warn_unknown
+from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import EVENTS, MEASUREMENTS, STATUS, latched, stream
 from hunt_ros.nodes.support.worker import Worker, answer_aside, offer
 from hunt_ros.rig import of_rig
@@ -106,10 +106,9 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
     def __init__(self) -> None:
         super().__init__('roller_speed')
         self._config = declare(self, SpeedConfig, self._reconfigure, self._check)
-        hardware = self._use_driver(self._config.driver, 'Drive', self._config.roller_diameter_m)
+        self._use_driver(self._config.driver, 'Drive', self._config.roller_diameter_m)
         limits = declare(self, DriveLimits, self._reconfigure_limits, self._check)
         settings = declare(self, InterlockSettings, self._reconfigure_interlock, self._check)
-        warn_unknown(self)
         # The machine's clock may be set while the roller turns: only a simulated rig, whose
         # time is that of /clock, is driven by another clock than the steady one.
         simulated_time = self.get_parameter('use_sim_time').value
@@ -166,7 +165,6 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         self.create_timer(SET_POINT_S, self._send_next, clock=self._steady)
         self.create_timer(_WATCH_S, self._watch, clock=self._steady)
         self.create_timer(_STATUS_S, self._report, clock=self._steady)
-        self._diagnostics = Diagnostics(self, self._health, hardware)
         # Of its own thread: it waits for the encoder, and works where the executor hangs.
         stop = {'speed/emergency_stop': self._emergency_stop}
         self._stopper = answer_aside(self, self._diagnostics.failed, stop)

@@ -35,14 +35,8 @@ class ServiceCallNode(SuiteNode):
     def __init__(self) -> None:
         super().__init__('service_call', alone=False)
         config = declare(self, CallConfig)
-        log = self.get_logger()
-        self._caller = Caller(
-            self,
-            lambda task, error: log.error(f'{task}: {error}'),
-            [config.word],
-            config.wait_s,
-            _ANSWER_S,
-        )
+        failed = self._diagnostics.failed
+        self._caller = Caller(self, failed, [config.word], config.wait_s, _ANSWER_S)
         self._name = self.resolve_service_name(SERVICES[config.word].name)
         self._caller.call(config.word, config.words).add_done_callback(self._print)
 

@@ -37,7 +37,7 @@ def test_it_calls_for_an_alarm_and_for_silence_and_a_cut_relay_harms_no_other(
     assert calls()[1:] == ['alarm: ERROR: its reasons']
     modbus_server.stop()
     detector.level = 'WARN'
-    graph.spin_until(lambda: health.says('relay: modbus tcp', level='ERROR'))
+    graph.spin_until(lambda: health.says('relay failed: modbus tcp', level='ERROR'))
     assert calls()[2:] == [], 'an alarm that nobody has acknowledged is one'
     detector.alarm = False
     graph.spin_until(lambda: len(calls()) > 2)
@@ -68,7 +68,7 @@ def test_a_detector_that_never_comes_is_a_doubt_and_what_fails_is_tried_again(
     node._diagnostics._began_s -= 60.0
     graph.spin_until(lambda: len(calls()) > 2)
     assert calls()[0].startswith('doubt: no status since the start')
-    graph.spin_until(lambda: health.says('command: ', level='ERROR'))
+    graph.spin_until(lambda: health.says('command failed: ', level='ERROR'))
     (tmp_path / 'network').touch()
     health.clear()
     graph.spin_until(lambda: health.says('doubt', level='OK'))

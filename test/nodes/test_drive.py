@@ -56,6 +56,12 @@ def test_an_emergency_stop_says_whether_the_drive_took_it_in_every_state(graph, 
     drive.refusal = ''
     graph.spin_until(lambda: graph.call('speed/emergency_stop').success)
 
+    graph.change_state('roller_speed', Transition.TRANSITION_DEACTIVATE)
+    graph.change_state('roller_speed', Transition.TRANSITION_CLEANUP)
+    assert 'not configured' in graph.call('speed/emergency_stop').message
+    graph.change_state('roller_speed', Transition.TRANSITION_CONFIGURE)
+    graph.spin_until(lambda: graph.call('speed/emergency_stop').success)
+
 
 def test_a_step_of_the_machines_clock_does_not_move_the_roller(
     graph, resident, monkeypatch

@@ -36,11 +36,13 @@ class Diagnostics:
         Whose health it is.
     health : callable
         Returns level ('OK', 'WARN', 'ERROR', 'STALE'), one line, and values.
-    hardware : str
-        What the node talks to; empty: the computer it runs on.
+    published : bool
+        False: nothing is published, and only the log has what failed.
 
     Attributes
     ----------
+    hardware : str
+        What the node talks to; the computer it runs on, unless it says so.
     told : bool
         Set it where the node has logged what changes the level of what it judges, with the
         cause: the change is not logged a second time.
@@ -48,17 +50,18 @@ class Diagnostics:
         Another node of this name has been seen, at the last look.
     """
 
-    def __init__(self, node: Node, health: Callable[[], Health], hardware: str = '') -> None:
+    def __init__(self, node: Node, health: Callable[[], Health], published: bool = True) -> None:
         self._node = node
         self._health = health
-        self._hardware = hardware or socket.gethostname()
+        self.hardware = socket.gethostname()
         self._beside: dict[str, tuple[Callable[[], Health], str]] = {}
         self._levels: dict[str, str] = {}
         self._began_s = time.monotonic()
         self.told = self.namesake = False
         self._failures: dict[str, str] = {}
-        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', STATUS)
-        node.create_timer(1.0, self.publish, clock=steady_clock())
+        if published:
+            self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', STATUS)
+            node.create_timer(1.0, self.publish, clock=steady_clock())
 
     @property
     def starting(self) -> bool:
@@ -86,7 +89,7 @@ class Diagnostics:
         """Say it now; it is said once a second anyway."""
         name = self._node.get_fully_qualified_name()
         now_ns = self._node.get_clock().now().nanoseconds
-        message = self._said(now_ns, name, self._own_health(name), self._hardware)
+        message = self._said(now_ns, name, self._own_health(name), self.hardware)
         for what, (health, hardware) in self._beside.items():
             beside = f'{self._node.get_namespace().rstrip("/")}/{what}'
             said = self._said(now_ns, beside, health(), hardware, self.told)

@@ -21,7 +21,6 @@ from rclpy.publisher import Publisher
 
 from hunt_ros.drivers.base import DriveDriver, SensorDriver, driver_class
 from hunt_ros.errors import ConfigError, DriverError, RefusedError, one_line
-from hunt_ros.nodes.support.diagnostics import Diagnostics
 from hunt_ros.nodes.support.node import ManagedNode
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.worker import Worker
@@ -59,7 +58,6 @@ class DriverNode(ManagedNode, ABC, Generic[_D]):
     _make_driver: Callable[[], _D]
     #: What every listener has, who is waited for before the first sample; by `_advertise`.
     _announced: Publisher
-    _diagnostics: Diagnostics
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
@@ -76,7 +74,7 @@ class DriverNode(ManagedNode, ABC, Generic[_D]):
         #: When the node last decided anything, steady clock; inf where it decides nothing.
         self._decided_s = float('inf')
 
-    def _use_driver(self, name: str, role: Literal['Sensor', 'Drive'], *rest: Any) -> str:
+    def _use_driver(self, name: str, role: Literal['Sensor', 'Drive'], *rest: Any) -> None:
         """
         Declare the settings of a driver as parameters, and say how the driver is made.
 
@@ -88,11 +86,6 @@ class DriverNode(ManagedNode, ABC, Generic[_D]):
             'Sensor' or 'Drive'.
         *rest : object
             What the driver gets beside its settings.
-
-        Returns
-        -------
-        str
-            The driver and where its hardware is.
 
         Raises
         ------
@@ -108,7 +101,7 @@ class DriverNode(ManagedNode, ABC, Generic[_D]):
                 )
         settings = declare(self, kind.Settings)
         self._make_driver = cast('Callable[[], _D]', partial(kind, settings, *rest))
-        return f'{name}: {self._make_driver()}'
+        self._diagnostics.hardware = f'{name}: {self._make_driver()}'
 
     def _configure(self) -> None:
         """Begin to open the driver; missing hardware is tried again and again."""
@@ -117,16 +110,17 @@ class DriverNode(ManagedNode, ABC, Generic[_D]):
 
     def on_cleanup(self, state: State) -> TransitionCallbackReturn:
         """Close the driver."""
-        self.close()
+        self._release()
         return TransitionCallbackReturn.SUCCESS
 
-    def on_shutdown(self, state: State) -> TransitionCallbackReturn:
-        """Close the driver."""
-        self.close()
-        return TransitionCallbackReturn.SUCCESS
+    on_shutdown = on_cleanup
 
     def close(self) -> None:
         """Stop the thread and let go of the hardware."""
+        self._release()
+        super().close()
+
+    def _release(self) -> None:
         self._active.clear()
         worker, self._worker = self._worker, None
         if worker is not None:

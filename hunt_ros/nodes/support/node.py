@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from threading import Event
 from typing import Any
 
@@ -22,7 +22,9 @@ from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 
 from hunt_ros.errors import ConfigError, one_line
+from hunt_ros.nodes.support.diagnostics import Diagnostics, Health
 from hunt_ros.nodes.support.ending import CLOSING_S
+from hunt_ros.nodes.support.worker import Worker
 from hunt_ros.suite import hold
 
 _FIXED = 'use_sim_time: taken at the start only'
@@ -37,7 +39,8 @@ class SuiteNode(Node):
     name : str
         Of the node.
     alone : bool
-        A second one of its full name, on this machine and in this ROS domain, refuses to start.
+        A second one of its full name, on this machine and in this ROS domain, refuses to start,
+        and its health is told. False for what only asks.
     **keywords : object
         As `Node` takes them.
 
@@ -63,6 +66,8 @@ class SuiteNode(Node):
     def __init__(self, name: str, alone: bool = True, **keywords: Any) -> None:
         super().__init__(name, **keywords)
         self._parent = os.getppid()
+        self._diagnostics = Diagnostics(self, self._health, alone)
+        self._workers: list[Worker] = []
         self.add_on_set_parameters_callback(_keeps_its_clock)
         if alone and sys.platform == 'linux':
             self._hold_name()
@@ -99,12 +104,24 @@ class SuiteNode(Node):
         """True where the process that started this one has died."""
         return os.getppid() != self._parent
 
+    def _health(self) -> Health:
+        """Return what it says of itself on `/diagnostics`; by every node that is `alone`."""
+        raise NotImplementedError
+
+    def work(self, task: str, function: Callable[[Event], None]) -> None:
+        """Run a function in a thread until the node closes; see `Worker`."""
+        self._workers.append(Worker(self._diagnostics.failed, task, function))
+
     def wind_down(self) -> bool:
         """Go where it is safe, while the node runs on; return True once nothing is left to do."""
         return True
 
     def close(self) -> None:
-        """Let go of what it holds, before its publishers are gone."""
+        """End its threads, and let go of what it holds, before its publishers are gone."""
+        for worker in self._workers:
+            worker.stopping.set()
+        for worker in self._workers:
+            worker.stop()
 
 
 def _keeps_its_clock(parameters: list[Parameter]) -> SetParametersResult:

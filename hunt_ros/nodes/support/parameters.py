@@ -125,10 +125,10 @@ def _take(groups: Sequence[_Group], parameters: Sequence[Parameter]) -> SetParam
     return SetParametersResult(successful=True)
 
 
-def warn_unknown(node: Node, also: Sequence[str] = ()) -> None:
+def warn_unknown(node: Node) -> None:
     """Name every parameter that was given to the node but means nothing to it."""
     for name in sorted(node._parameter_overrides):  # rclpy has no public list of them
-        foreign = name.startswith(('qos_overrides.', _FORM, *also))
+        foreign = name.startswith(('qos_overrides.', _FORM))
         # The rig is described to all nodes, and each takes what it needs.
         if not node.has_parameter(name) and not foreign and name not in RIG:
             node.get_logger().warning(f'unknown parameter {name!r} is ignored')

@@ -15,9 +15,9 @@ from sensor_msgs.msg import JointState
 from hunt_ros.drivers.base import SensorBlock, SensorDriver
 from hunt_ros.drivers.calibration import Calibration
 from hunt_ros.nodes.support.conversions import joint_writer
-from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, NewSince
+from hunt_ros.nodes.support.diagnostics import Health, NewSince
 from hunt_ros.nodes.support.driver_node import DriverNode
-from hunt_ros.nodes.support.parameters import declare, warn_unknown
+from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import MEASUREMENTS, stream
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
@@ -65,10 +65,7 @@ class SensorNode(DriverNode[SensorDriver]):
         super().__init__(f'{channel}_sensor')
         self._channel = channel
         self._config = declare(self, SensorConfig)
-        hardware = self._use_driver(
-            self._config.driver, 'Sensor', channel, self._config.sample_rate_hz
-        )
-        warn_unknown(self)
+        self._use_driver(self._config.driver, 'Sensor', channel, self._config.sample_rate_hz)
         self._given_calibration = Calibration.read(self._config.calibration, channel)
         self._calibration = self._given_calibration  # with the range of the device
         self._device_range = (-math.inf, math.inf)
@@ -77,7 +74,6 @@ class SensorNode(DriverNode[SensorDriver]):
         self._progress = 0, 0  # published, and the last stamp; set by the driver's thread at once
         self._told_ns = 0  # the last stamp of the last report
         self._new = NewSince()
-        self._diagnostics = Diagnostics(self, self._health, hardware)
 
     def _advertise(self) -> None:
         self._announced = self.create_publisher(JointState, self._channel, stream(MEASUREMENTS))
