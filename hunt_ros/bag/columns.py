@@ -287,7 +287,8 @@ def read_record(
             )
         if not filled:
             raise BagError(f'{bag.path}: its topics {", ".join(measured)} hold no messages')
-        path, notes = str(bag.path), _notes(bag)
+        steps = (np.diff(one.stamps_ns).min(initial=0) for one in filled.values())
+        path, notes = str(bag.path), _notes(bag, int(min(steps)))
         if not as_stamped:
             filled, remarks = evened(filled)
             if remarks:
@@ -373,9 +374,12 @@ def _named_channels(bag: Bag, wanted: Collection[str]) -> dict[str, ChannelSourc
     }
 
 
-def _notes(bag: Bag) -> dict[str, str]:
+def _notes(bag: Bag, back_ns: int) -> dict[str, str]:
     notes = dict(bag.notes)
-    if told := [*bag.problems, *dict.fromkeys(bag.remarks)]:
+    told = [*bag.problems, *dict.fromkeys(bag.remarks)]
+    if back_ns < -_SET_BACK_NS:
+        told.append(f'a clock was set back by {-back_ns / NANOSECONDS:.3f} s')
+    if told:
         notes['problems'] = '; '.join(told)
     return notes
 

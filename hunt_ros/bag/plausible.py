@@ -15,6 +15,7 @@ _WINDOW_S, _FEWEST = 1.0, 50
 LARGEST: dict[str, tuple[float, str, str]] = {
     **{s.name: (s.largest, s.unit, s.mistaken) for s in SENSORS},
     'speed': (200.0, 'm/s', '/3.6'),
+    'roller': (1000.0, 'rad/s', '*0.0174533'),  # as it turns
 }
 
 
@@ -37,10 +38,12 @@ def wrong_unit(channel: str, series: Series) -> str:
     if channel not in LARGEST or not values.size:
         return ''
     most, unit, factor = LARGEST[channel]
+    span_s = float(np.ptp(series.stamps_ns[finite])) / NANOSECONDS
     if channel == 'speed':
         usual = float(np.median(np.abs(values)))
+    elif channel == 'roller':
+        usual = float(np.abs(np.diff(values)).sum()) / max(span_s, _WINDOW_S)
     else:  # it may have any offset
-        span_s = float(np.ptp(series.stamps_ns[finite])) / NANOSECONDS
         count = min(max(1, round(span_s / _WINDOW_S)), max(1, values.size // _FEWEST))
         parts = np.array_split(values, count)
         usual = max(float(np.median(np.abs(part - np.median(part)))) for part in parts)

@@ -30,6 +30,7 @@ ACTIVE = '.active'
 NEWEST_VERSION = 9
 #: MCAP metadata record and metadata.yaml key under which rig, operator and notes stand.
 NOTES = 'hunt_ros'
+ROS_1 = '.bag'
 STORAGES: dict[str, type[McapFile] | type[SqliteFile]] = {'.mcap': McapFile, '.db3': SqliteFile}
 
 #: Left free where a compressed file is expanded, bytes.
@@ -101,21 +102,23 @@ class Bag:
                 self.topics[topic.name] = TopicSummary(topic.name, topic.type, count)
 
     def _open(self) -> None:
+        unread = f'{self.path}: no recording in it, expected .mcap or .db3 files'
         for name in self._listed() if self.path.is_dir() else [self.path]:
-            if self.path.is_dir() and name.is_file() and not name.stat().st_size:
-                # A recorder killed in its first moment leaves a file without a byte.
-                self.problems.append(f'{name.name}: the file is empty')
-                continue
             scratch = self.path
             if name.suffix == '.zstd':
                 folder = tempfile.TemporaryDirectory(prefix='hunt_ros_bag_')
                 scratch = Path(self._stack.enter_context(folder))
-            file = open_storage(name, scratch)
+            try:
+                file = open_storage(name, scratch)
+            except BagError as error:  # the others are there all the same
+                unread = str(error)
+                self.problems.append(unread)
+                continue
             self._stack.callback(file.close)
             self.files.append(file)
             self.problems += [f'{name.name}: {problem}' for problem in file.problems]
         if not self.files:
-            raise BagError(f'{self.path}: no recording in it, expected .mcap or .db3 files')
+            raise BagError(unread)
         claimed = self.metadata.get('message_count')
         there = sum(sum(file.counts.values()) for file in self.files)
         if isinstance(claimed, int) and claimed != there and not self.problems:
@@ -139,7 +142,7 @@ class Bag:
                 f'{self.path}: no .mcap or .db3 file in it, expected a rosbag2 recording'
                 f'{_recordings_below(self.path)}'
             )
-        return present
+        return of_one(present)
 
     def _place(self, name: Path) -> Path:
         """Return where a file that metadata.yaml names is, in the folder or below it."""
@@ -259,10 +262,10 @@ def open_storage(name: Path, scratch: Path, *, partial: bool = False) -> McapFil
     """
     kind = storage_kind(name)
     if kind not in STORAGES:
-        raise BagError(
-            f'{name}: not a recording, expected a folder, .mcap or .db3; "hunt import" makes one'
-            ' of a CSV, MATLAB, NumPy, TDMS or Parquet file'
-        )
+        how = '"hunt import" makes one of a CSV, MATLAB, NumPy, TDMS or Parquet file'
+        if kind == ROS_1:
+            how = f'"rosbags-convert --src {name.name} --dst OUT" makes one of a bag of ROS 1'
+        raise BagError(f'{name}: not a recording, expected a folder, .mcap or .db3; {how}')
     if not name.is_file():  # a pipe would be waited for without end
         raise BagError(f'{name}: not a file, expected a recording')
     if name.suffix != '.zstd':
@@ -288,6 +291,17 @@ def _expanded(name: Path, scratch: Path, partial: bool) -> Path:
         if not partial or isinstance(error, OSError):
             raise BagError(f'{name}: cannot be expanded ({error})') from error
     return target
+
+
+def of_one(files: list[Path]) -> list[Path]:
+    """Return files that nothing describes; refuse those that differ in more than their number."""
+    stems = {re.sub(r'_\d+$', '', Path(file.name.removesuffix('.zstd')).stem) for file in files}
+    if len(stems) > 1:
+        raise BagError(
+            f'{files[0].parent}: {files[0].name} and {files[-1].name} are not of one recording by'
+            ' their names, and no metadata.yaml says so: name them one by one'
+        )
+    return files
 
 
 def _natural(name: Path) -> list[tuple[int, str]]:

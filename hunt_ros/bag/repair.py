@@ -31,7 +31,7 @@ from hunt_ros.bag.mcap import records as rec
 from hunt_ros.bag.mcap.file import McapFile
 from hunt_ros.bag.mcap.layout import IMPOSSIBLE, Layout, walked_places
 from hunt_ros.bag.mcap.writer import McapWriter
-from hunt_ros.bag.reader import ACTIVE, Bag, folder_files, open_storage
+from hunt_ros.bag.reader import ACTIVE, Bag, folder_files, of_one, open_storage
 from hunt_ros.bag.sqlite_file import SALVAGE_HINT
 from hunt_ros.errors import BagError
 
@@ -103,6 +103,8 @@ def repair(path: str | Path, out: str | Path) -> Repair:
     files = folder_files(source) if source.is_dir() else [source]
     if not source.exists() or not files:
         raise BagError(f'{source}: no recording there, expected .mcap or .db3 files')
+    if not (source / 'metadata.yaml').exists():
+        of_one(files)
     report = Repair(target)
     try:
         active.mkdir(parents=True)

@@ -13,7 +13,7 @@ from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import tell
 from hunt_ros.errors import BagError
 from hunt_ros.samples import CHANNELS, known
-from hunt_ros.sensors import MOTION
+from hunt_ros.sensors import MOTION, lacking
 
 EXAMPLE = (
     'hunt import bags/flutter_rig/17092018_CBC_V250_TowardsHB.mat flutter_250 --rate 250'
@@ -64,6 +64,8 @@ def run(arguments: argparse.Namespace) -> int:
     said = f'{path}: {record.duration_s:.1f} s, samples: {parts}'
     if assumed:
         said += f'; the file tells no unit, assumed: {assumed}'
+    for either in lacking(record):
+        said += f'; no {" or ".join(either)} is in it'
     if written['left_out']:
         said += f'; left out: {written["left_out"]}'
     tell(arguments.json, lambda: written, lambda: said)

@@ -406,8 +406,10 @@ def test_a_clock_that_is_set_back_changes_no_order_and_is_told(tmp_path, steps, 
             rows = serialise(name, Series(stamps, np.sin(0.2 * np.arange(400.0))))
             for at, raw in zip(log.tolist(), rows, strict=True):
                 peer.writer.add_message(key, at, bytes(raw), at)
-    found = read_record(tmp_path / 'a.mcap')['lateral']
-    np.testing.assert_array_equal(found.values, np.sin(0.2 * np.arange(400.0)))
+    record = read_record(tmp_path / 'a.mcap')
+    np.testing.assert_array_equal(record['lateral'].values, np.sin(0.2 * np.arange(400.0)))
+    told = 'a clock was set back by 3599.990 s'  # by identify, plan and report too
+    assert (record.notes.get('problems') == told) == (steps != 'log')
     assert any('clock_jump: /rig/lateral' in text for text in problems(tmp_path / 'a.mcap'))
     if steps != 'log':
         assert main(['check', str(tmp_path / 'a.mcap')]) == 1
@@ -479,13 +481,25 @@ def test_what_was_wrong_with_the_original_is_not_wrong_with_what_was_made_of_it(
     assert problems(again) == []
 
 
+def test_one_file_of_a_recording_that_cannot_be_read_costs_its_messages_alone(tmp_path) -> None:
+    for number in range(3):
+        part = write_rosbags(tmp_path / f'part{number}', counted(20), 8, StoragePlugin.SQLITE3)
+        part.rename(tmp_path / f'run_{number}.db3')
+    damaged = tmp_path / 'run_1.db3'
+    damaged.write_bytes(damaged.read_bytes()[:6000])
+    record = read_record(tmp_path)
+    assert len(record['lateral']) == 40
+    assert 'run_1.db3: not a sound' in record.notes['problems']
+    assert any('run_1.db3' in text for text in problems(tmp_path))
+
+
 def test_a_dangling_link_and_a_pipe_in_a_folder_are_passed_over(tmp_path) -> None:
-    recorded(tmp_path / 'a.mcap', 50)
-    (tmp_path / 'b.mcap').symlink_to(tmp_path / 'nowhere.mcap')
-    os.mkfifo(tmp_path / 'c.mcap')
+    recorded(tmp_path / 'run_0.mcap', 50)
+    (tmp_path / 'run_1.mcap').symlink_to(tmp_path / 'nowhere.mcap')
+    os.mkfifo(tmp_path / 'run_2.mcap')
     assert len(read_record(tmp_path)['lateral']) == 50
     with pytest.raises(BagError, match='not a file'):
-        read_record(tmp_path / 'c.mcap')
+        read_record(tmp_path / 'run_2.mcap')
 
 
 def test_a_file_without_chunks_is_walked_in_little_memory(tmp_path) -> None:

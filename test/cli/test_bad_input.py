@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -124,6 +125,21 @@ def test_a_folder_of_recordings_names_them(refused, tmp_path) -> None:
     assert line.endswith('it holds a, b, c and 1 more: name them one by one')
 
 
+@pytest.mark.parametrize('command', ['info RUNS', 'replay RUNS', 'info RUNS --repair OUT'])
+def test_recordings_thrown_together_are_not_read_as_one(refused, bag, tmp_path, command) -> None:
+    (tmp_path / 'runs').mkdir()
+    for day in ('monday', 'tuesday'):
+        shutil.copy(next(bag.glob('*.mcap')), tmp_path / 'runs' / f'{day}.mcap')
+    line = refused(command, RUNS=tmp_path / 'runs')
+    assert 'monday.mcap and tuesday.mcap are not of one recording' in line
+
+
+@pytest.mark.parametrize('command', ['info ONE', 'import ONE OUT'])
+def test_a_bag_of_ros_1_is_told_what_converts_it(refused, tmp_path, command) -> None:
+    (tmp_path / 'one.bag').write_bytes(b'#ROSBAG V2.0\n')
+    assert 'rosbags-convert --src one.bag' in refused(command, ONE=tmp_path / 'one.bag')
+
+
 @pytest.mark.parametrize('number', ['nan', 'inf', '-inf', '-3', '1e300', 'seven', ''])
 @pytest.mark.parametrize('command', NUMBERS.values(), ids=NUMBERS)
 def test_a_number_that_makes_no_sense_is_named_with_its_option(refused, command, number) -> None:
@@ -221,7 +237,9 @@ def test_a_unit_that_is_wrong_or_unknown_is_named(refused, tmp_path, columns, pa
     assert part in refused('import FILE OUT --rate 100', FILE=table)
 
 
-@pytest.mark.parametrize('times', ['0.1 0.1 0.1 0.1 0.2 0.2 0.2 0.2', '3 3 3 3 3 3 3 3'])
+@pytest.mark.parametrize(
+    'times', ['0.1 0.1 0.1 0.1 0.2 0.2 0.2 0.2', '3 3 3 3 3 3 3 3', '1 1 2 2 3 3 4 5']
+)
 def test_times_that_are_too_coarse_are_named(refused, tmp_path, times) -> None:
     """As a logger of 5 kHz writes them in milliseconds: most samples would be repeats."""
     table = tmp_path / 'daq.csv'
@@ -253,6 +271,17 @@ def test_a_recording_in_millimetres_is_neither_sound_nor_judged(
     assert 'wrong_unit: channel lateral is beyond' in capsys.readouterr().out
     scaled = ['--channel', 'lateral=/rig/lateral.position[0]*0.001']
     assert main(['replay', str(bag), *scaled]) == 0
+
+
+@pytest.mark.parametrize('wraps', [False, True])
+def test_a_roller_in_degrees_is_not_taken_for_one_in_radians(refused, tmp_path, wraps) -> None:
+    times = 1.0 + np.arange(1000) / 100.0
+    angle = np.degrees(7.0 / 0.15 * times)
+    angle = angle % 360.0 if wraps else angle
+    record = record_of(times, lateral=1e-4 * np.sin(18.0 * times), speed=7.0, roller=angle)
+    bag = write_record(tmp_path / 'degrees', record)
+    assert 'roller is beyond' in refused('replay FILE', FILE=bag)
+    assert main(['replay', str(bag), '--channel', 'roller=/rig/roller*0.0174533']) == 0
 
 
 def test_a_unit_that_nobody_told_is_said_to_be_assumed(tmp_path, capsys) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
 from hunt_ros.bag.columns import read_record, refuse_years, with_constants
 from hunt_ros.bag.interchange.tables import Table, load_table, select
-from hunt_ros.bag.reader import STORAGES, storage_kind
+from hunt_ros.bag.reader import ROS_1, STORAGES, storage_kind
 from hunt_ros.errors import BagError
 from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series, different
 from hunt_ros.sensors import UNITS, si_of
@@ -21,13 +22,15 @@ from hunt_ros.sensors import UNITS, si_of
 TIMES: dict[str, float] = {
     'stamp_ns': 1e-9, 'time_ns': 1e-9, 't_ns': 1e-9, 'time_us': 1e-6, 't_us': 1e-6,
     'time_ms': 1e-3, 't_ms': 1e-3, 'time_s': 1.0, 't_s': 1.0, 'time': 1.0, 't': 1.0,
-    'timestamp': 1.0, 'seconds': 1.0,
+    'timestamp': 1.0, 'seconds': 1.0, 'x_value': 1.0,
 }  # fmt: skip
 
 #: Units of a time, s.
 TIME_UNITS: dict[str, float] = {'ns': 1e-9, 'us': 1e-6, 'ms': 1e-3, 's': 1.0, 'min': 60.0}
 #: Between two runs of an array of structures, s.
 RUN_GAP_S = 3.0
+#: Where more samples than this share of all have the time of another one, its digits are too few.
+_SHARED = 0.1
 #: Times beyond this do not fit into whole nanoseconds of 64 bits, s.
 LATEST_S = 9e9
 
@@ -67,7 +70,7 @@ def load_record(
         coarse, a series is all NaN, or its length is not that of the times.
     """
     mapping = channel_map(channels)
-    if Path(path).is_dir() or storage_kind(Path(path)) in STORAGES:
+    if Path(path).is_dir() or storage_kind(Path(path)) in (*STORAGES, ROS_1):
         if rate_hz is not None or time is not None:
             raise BagError(f'{path}: a recording has its times, expected no rate and no column')
         return read_record(path, mapping, as_stamped=True)
@@ -132,7 +135,7 @@ def _series(
     if not np.isfinite(values).any():
         raise BagError(f'{source.source} holds no finite number')
     times = different(stamps)
-    if 2 * times <= values.size and times < values.size:
+    if values.size - times > _SHARED * values.size:
         raise BagError(
             f'{source.source} has {values.size} values at {times} different times,'
             ' expected times with more digits, or the sample rate (--rate)'
@@ -181,10 +184,13 @@ def _time_source(table: Table, time: str | None) -> ChannelSource:
         if source.constant is not None:
             raise BagError('the time is a constant, expected a column')
         return source
-    names = {str(name).lower(): str(name) for name in table}
+    names = {_key(str(name)): str(name) for name in table}
     usual = next((name for name in TIMES if name in names), '')
     dates = [name for name, column in table.items() if getattr(column, 'dtype', None) is not None
              and column.dtype.kind == 'M']  # fmt: skip
+    by_unit = [name for name, unit in table.units.items() if _plain(unit) in TIME_UNITS]
+    if not usual and not dates and len(by_unit) == 1:  # in any language
+        return ChannelSource('time', by_unit[0], TIME_UNITS[_plain(table.units[by_unit[0]])])
     if not usual and not dates:
         unread = [str(column) for column in table.values() if isinstance(column, BagError)]
         raise BagError(
@@ -233,12 +239,17 @@ def _plain(unit: str) -> str:
     """Return a unit as names end in it: `km/h` and `kmh`, `m/s^2` and `mps2`."""
     text = unit.strip().replace('\u00b0', 'deg').replace('\u00b5', 'u').replace('\u03bc', 'u')
     text = text.replace('^', '').replace('\u00b2', '2').replace('km/h', 'kmh')
-    return text.replace('sec', 's').replace('/', 'p')
+    return re.sub(r'\bsec\b', 's', text).replace('/', 'p')
+
+
+def _key(name: str) -> str:
+    """Return the name of a column as channels are told by it: `lateral_mm` for `Lateral [mm]`."""
+    return re.sub(r'\W+', '_', _plain(name)).strip('_').lower()
 
 
 def _check_unit(table: Table, channel: str, source: ChannelSource) -> None:
     """Refuse a column that is taken as it is, and is not in SI by what the file says."""
-    unit = _told_unit(table, channel, source)
+    unit = _told_unit(table, channel, source.source)
     factor = UNITS[channel].get(unit)
     if not unit or source.scale != 1.0 or factor == 1.0:
         return
@@ -249,11 +260,13 @@ def _check_unit(table: Table, channel: str, source: ChannelSource) -> None:
     )
 
 
-def _told_unit(table: Table, channel: str, source: ChannelSource) -> str:
+def _told_unit(table: Table, channel: str, source: str) -> str:
     """Return the unit that the file tells of a column, or its name ends in; '' for none."""
-    ending = source.source.rpartition('_')[2].lower()
-    told = _plain(table.units.get(source.source, ''))
-    return told or (ending if ending in UNITS[channel] else '')
+    ending, told = _key(source).rpartition('_')[2], _plain(table.units.get(source, ''))
+    ending = ending if ending in UNITS[channel] else ''
+    if told and ending and told != ending:
+        raise BagError(f'column {source} is in {told} by the line of units: which is it?')
+    return told or ending
 
 
 def _assumed(table: Table, mapping: Mapping[str, ChannelSource]) -> str:
@@ -262,7 +275,7 @@ def _assumed(table: Table, mapping: Mapping[str, ChannelSource]) -> str:
         f'{name} in {si_of(name).replace("mps", "m/s")}'
         for name, source in mapping.items()
         if source.constant is None and source.scale == 1.0
-        if not _told_unit(table, name, source)
+        if not _told_unit(table, name, source.source)
     )
 
 
@@ -270,12 +283,17 @@ def _named(table: Table, given: Mapping[str, ChannelSource]) -> dict[str, Channe
     """Find the channels by the names of the columns, `lateral_mm` or `lateral`."""
     found: dict[str, ChannelSource] = {}
     for channel in CHANNELS:
-        names = [str(name) for name in table if f'{name}_'.lower().startswith(f'{channel}_')]
+        keys = {str(name): _key(str(name)) for name in table}
+        names = [name for name, key in keys.items() if f'{key}_'.startswith(f'{channel}_')]
         if channel in given or not names:
             continue
         units = UNITS[channel]
-        told = {name: _unit_of(table, channel, name) for name in names}
-        known = {name: unit for name, unit in told.items() if not unit or unit in units}
+        known = {
+            name: unit
+            for name in names
+            if keys[name] in (channel, *(f'{channel}_{unit}' for unit in units))
+            if (unit := _told_unit(table, channel, name)) in ('', *units)
+        }
         if not known and given:
             continue  # a further column with a name like it, as speed_setpoint
         if not known:
@@ -297,11 +315,3 @@ def _named(table: Table, given: Mapping[str, ChannelSource]) -> dict[str, Channe
             f' --channel lateral=...; it has {", ".join(map(str, list(table)[:12]))}'
         )
     return found
-
-
-def _unit_of(table: Table, channel: str, name: str) -> str:
-    """Return the unit of a column by its name or by what the file says; '' for SI."""
-    ending, told = name[len(channel) + 1 :].lower(), _plain(table.units.get(name, ''))
-    if told and ending and ending in UNITS[channel] and told != ending:
-        raise BagError(f'column {name} is in {told} by the line of units: which is it?')
-    return ending or told

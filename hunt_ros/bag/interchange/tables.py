@@ -10,8 +10,9 @@ import csv
 import logging
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,9 @@ _LOOKED_AT = 200
 #: A date and time with its zone; a name with its unit behind: `lateral [mm]`, `speed (km/h)`.
 _ZONE = re.compile(r'^(.+:[\d.]+)\s*(?:Z|UTC|([+-])(\d\d):?(\d\d)?)$')
 _NAME_UNIT = re.compile(r'^(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|,\s+(\S+))$')
+#: A number whose digits are grouped by thousands, as 1,234.5; one with a single mark.
+_GROUPED = re.compile(r'[+-]?\d{1,3}(?:(?:,\d{3})+\.|(?:\.\d{3})+,)\d*')
+_ONE_MARK = re.compile(r'[+-]?\d*([.,])\d*(?:[eE][+-]?\d+)?')
 #: A date as Germany writes it; a time of day.
 _DAY_FIRST = re.compile(r'^(\d\d?)\.(\d\d?)\.(\d{4})[ T]+(\d\d:.*)$')
 _CLOCK = re.compile(r'^\d\d?:\d\d:\d\d(\.\d*)?$')
@@ -55,7 +59,7 @@ _CLOCK = re.compile(r'^\d\d?:\d\d:\d\d(\.\d*)?$')
 
 def load_table(path: str | Path) -> Table:
     """
-    Read a file by its ending: .csv .txt .tsv .dat .mat .npy .npz .tdms .parquet.
+    Read a file by its ending: .csv .txt .tsv .dat .asc .lvm .mat .npy .npz .tdms .parquet.
 
     Raises
     ------
@@ -203,28 +207,36 @@ def _read_csv(path: Path) -> Table:
         raise BagError('has no lines of numbers')
     delimiter = Counter(_delimiter(lines[i]) for i in told).most_common(1)[0][0]
     looked = {i: _cells(lines[i], delimiter) for i in told}
-    # Lines in front that have another number of cells say something about the file.
     width = Counter(map(len, looked.values())).most_common(1)[0][0]
     # Cells behind separators that end every line are none.
     usual = max(max(_filled(row) for row in looked.values() if len(row) == width), 1)
-    rows = [i for i in told if len(looked[i]) >= usual >= _filled(looked[i]) > 0]
-    first = next(i for i in rows if _filled(looked[i]) == usual)
-    if all(map(_is_number, looked[first])):
-        first = next(i for i in rows if all(map(_is_number, looked[i])))
-    cells = looked[first][:usual]
-    names, units = [f'c{number}' for number in range(len(cells))], [''] * len(cells)
-    above = _cells(lines[first - 1].lstrip('#% '), delimiter)[:usual] if first else []
-    if all(map(_is_number, cells)) and len(above) == usual and not any(map(_is_number, above)):
-        first, cells = first - 1, above  # numpy writes the names as a comment
-    if not all(map(_is_number, cells)):
-        pairs = [_name_and_unit(cell.strip()) for cell in cells]
+    kinds = {
+        i: tuple(map(_is_number, row[:usual]))
+        for i, row in looked.items()
+        if len(row) >= usual >= _filled(row) and not _is_head(row, 1)
+    }
+    if not kinds:
+        raise BagError('has no numbers under its names')
+    # Lines in front that are of another kind than most say something about the file.
+    most = Counter(kinds.values()).most_common(1)[0][0]
+    first = next(i for i, kind in kinds.items() if kind == most)
+    names, units = [f'c{number}' for number in range(usual)], [''] * usual
+    above = [_cells(line.lstrip('#% '), delimiter) for line in lines[:first]]
+    heads = [i for i, row in enumerate(above) if _is_head(row, usual)]
+    if heads:  # numpy writes the names as a comment
+        two = len(heads) > 1 and heads[-2] == heads[-1] - 1 and lines[heads[-2]][0] not in '#%'
+        place = heads[-2 if two else -1]
+        pairs = [_name_and_unit(cell.strip()) for cell in above[place][:usual]]
         names, units = [name for name, _ in pairs], [unit for _, unit in pairs]
-        first += 1
-        below = _cells(lines[first], delimiter) if first < len(lines) else []
-        # A line of units under the names, in brackets or not.
-        if below and not any(cell.strip() and _is_number(cell) for cell in below):
-            units = [a or b.strip(' []()"') for a, b in zip(units, below, strict=False)]
-            first += 1
+        # Lines of units and the like under the names; what is no such line, its error tells.
+        below = list(takewhile(lambda row: _is_head(row, 1), above[place + 1 :]))
+        first = place + 1 + len(below)
+        below = below or [
+            ['', *row[1:]] for row in above if row[:1] == ['Y_Unit_Label']
+        ]  # LabVIEW
+        if below:
+            under = [cell.strip(' []()"') for cell in below[0]] + [''] * usual
+            units = [a or b for a, b in zip(units, under, strict=False)]
     end = (delimiter or '') * (width - usual)
     table = Table(
         _columns(
@@ -276,6 +288,11 @@ def _filled(cells: list[str]) -> int:
     return max((place for place, cell in enumerate(cells, start=1) if cell.strip()), default=0)
 
 
+def _is_head(cells: list[str], least: int) -> bool:
+    """Return True for names or units: so many cells at least are filled, and none is a number."""
+    return _filled(cells) >= least and not any(c.strip() and _is_number(c) for c in cells)
+
+
 def _is_number(cell: str) -> bool:
     try:
         float(cell.replace(',', '.'))
@@ -292,14 +309,17 @@ def _columns(
     if not places:
         raise BagError('has no numbers under its names')
     rows = [lines[i] for i in places]
-    if delimiter != ',':  # a decimal comma is one where it cannot separate
-        rows = [row.replace(',', '.') for row in rows]
     # Whole nanoseconds since 1970 do not fit into a float64.
     head = zip(names, _cells(rows[0], delimiter), strict=False)
     whole = [name.endswith('_ns') and cell.strip().isdigit() for name, cell in head]
     kind = np.dtype([(str(i), 'i8' if one else 'f8') for i, one in enumerate(whole)])
     with suppress(ValueError):  # an empty cell, or a fault: it is said where
-        table = np.loadtxt(rows, kind, delimiter=delimiter, ndmin=1, comments=('#', '%'))
+        plain = rows
+        if delimiter != ',' and any(',' in row for row in rows):  # there it cannot separate
+            if any('.' in row for row in rows):
+                raise ValueError('one of them groups thousands')
+            plain = [row.replace(',', '.') for row in rows]
+        table = np.loadtxt(plain, kind, delimiter=delimiter, ndmin=1, comments=('#', '%'))
         return dict(zip(names, (table[number] for number in kind.names or ()), strict=True))
     columns: list[list[str]] = [[] for _ in names]
     for place, row in zip(places, rows, strict=True):
@@ -307,9 +327,28 @@ def _columns(
         if not len(cells) >= len(names) >= _filled(cells):
             raise BagError(f'line {place + 1} has {len(cells)} cells, expected {len(names)}')
         for column, cell in zip(columns, cells, strict=False):
-            column.append(cell.strip().replace(',', '.'))  # one in quotes is decimal
+            column.append(cell.strip())
+    grouping = _grouping({cell for column in columns for cell in column})
+    for column in columns:  # a date keeps its points
+        column[:] = [
+            (cell if ':' in cell else cell.replace(grouping, '')).replace(',', '.')
+            for cell in column
+        ]
     parts = zip(names, columns, whole, strict=True)
     return {name: _column(column, one, places) for name, column, one in parts}
+
+
+def _grouping(cells: Collection[str]) -> str:
+    """Return the mark that groups digits by thousands; '' where none does."""
+    marks = {
+        next(mark for mark in cell if mark in ',.') for cell in filter(_GROUPED.fullmatch, cells)
+    }
+    ones = {match[1]: cell for cell in cells if (match := _ONE_MARK.fullmatch(cell))}
+    if len(marks) > 1 or (len(ones) > 1 and not marks):
+        raise BagError(
+            f'{" and ".join(ones.values())}: comma or point, which is the decimal mark?'
+        )
+    return ''.join(marks)
 
 
 def _column(cells: list[str], whole: bool, places: list[int]) -> Any:
@@ -431,6 +470,8 @@ _READERS: dict[str, Callable[[Path], Mapping[str, Any]]] = {
     '.txt': _read_csv,
     '.tsv': _read_csv,
     '.dat': _read_csv,
+    '.asc': _read_csv,
+    '.lvm': _read_csv,
     '.mat': _read_matlab,
     '.npy': _read_numpy,
     '.npz': _read_numpy,

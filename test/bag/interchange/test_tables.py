@@ -196,6 +196,8 @@ def test_equal_stamps_get_rows_of_their_own() -> None:
             [],
             'lateral and lateral_mm are both lateral',
         ),
+        ('a.csv', 't;y\n0;1,000\n7.200;2,000\n', ['lateral=y'], 'which is the decimal mark'),
+        ('a.csv', 't,Lateral Displacement,speed\n0,1,2\n1,2,3\n', [], 'unknown unit of lateral'),
         ('a.csv', 't,lateral\n[h],[mm]\n0,1\n1,2\n', [], "unknown unit 'h' of a time"),
         ('a.mat', 'hello', ['lateral=y'], 'cannot be read as .mat'),
         ('a.npy', 'hello', ['lateral=y'], 'cannot be read as .npy'),
@@ -251,6 +253,15 @@ def test_a_pickle_is_never_opened(tmp_path: Path) -> None:
         'Date,lateral_mm,speed_kmh\n2026-11-23T10:00:00.25,1,36\n2026-11-23T10:00:00.75,2,72\n',
         'Date,lateral_mm,speed_kmh\n2026-11-23 10:00:00.25Z,1,36\n'
         '2026-11-23 12:00:00.75+02:00,2,72\n',
+        # DASYLab, catman: as they export.
+        'DASYLab\nAufnahmedatum: 04.03.2024\nMesszeit [s];lateral [mm];speed [km/h]\n'
+        '0,000;1,0;36,0\n0,500;2,0;72,0\n',
+        'CATMAN\nANZAHL: 3\n\nCH 1\tCH 2\tCH 3\nTime 1\tlateral\tspeed\ns\tmm\tkm/h\n'
+        'T0\tCal 1\t\n0,0\t1,0\t36\n0,5\t2,0\t72\n',
+        # Digits in groups of thousands.
+        't,lateral_um,speed_kmh\n0.0,"1,000.0",36.0\n0.5,"2,000.0",72.0\n',
+        't;lateral_um;speed_kmh\n0.0;1,000.0;36\n0.5;2,000;72\n',
+        't;lateral_um;speed_kmh\n0,0;1.000,0;36,0\n0,5;2.000,0;72,0\n',
     ],
 )
 @pytest.mark.parametrize('encoding', ['utf-8', 'utf-16', 'utf-16-le', 'utf-16-be', 'latin-1'])
@@ -343,6 +354,40 @@ def test_channels_of_tdms_have_groups_and_waveforms_their_times(
     np.testing.assert_array_equal(np.diff(record['lateral'].stamps_ns), 2_000_000)
     np.testing.assert_array_equal(np.diff(record['speed'].stamps_ns), 10_000_000)
     np.testing.assert_allclose(record['lateral'].values, 0.001 * np.arange(500))
+
+
+def test_a_file_of_labview_has_its_units_in_front(tmp_path: Path) -> None:
+    head = (
+        'LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\n\t\nChannels\t2\t\t\n'
+        'Samples\t9\t9\t\nDate\t2024/03/04\t2024/03/04\t\nY_Unit_Label\tmm\tkm/h\t\n'
+        'X_Dimension\tTime\tTime\t\nX0\t0.0E+0\t0.0E+0\t\nDelta_X\t0.5\t0.5\t\n'
+        '***End_of_Header***\t\t\t\nX_Value\tlateral\tspeed\tComment\n'
+    )
+    rows = (f'{0.5 * k}\t{k}\t36\n' for k in range(20))
+    (tmp_path / 'a.lvm').write_text(head + ''.join(rows))
+    record = load_record(tmp_path / 'a.lvm')
+    np.testing.assert_allclose(record['lateral'].values, 1e-3 * np.arange(20))
+    np.testing.assert_allclose(record['speed'].values, 10.0)
+    assert set(np.diff(record['lateral'].stamps_ns)) == {5 * 10**8}
+
+
+def test_units_in_names_are_told_by_every_format(tmp_path: Path) -> None:
+    columns = {
+        'Time [ms]': np.arange(4.0),
+        'Lateral (mm)': np.arange(4.0),
+        'speed [m/s]': np.ones(4),
+    }
+    np.savez(tmp_path / 'a.npz', **columns)
+    record = load_record(tmp_path / 'a.npz')
+    np.testing.assert_allclose(record['lateral'].values, 1e-3 * np.arange(4))
+    np.testing.assert_array_equal(np.diff(record['speed'].stamps_ns), [10**6] * 3)
+    assert 'units_assumed' not in record.notes
+
+
+def test_what_a_table_lacks_is_said(tmp_path: Path, capsys) -> None:
+    (tmp_path / 'a.csv').write_text('t,rpm,lateral_mm\n' + ''.join(f'{k},1,2\n' for k in range(9)))
+    assert main(['import', str(tmp_path / 'a.csv'), str(tmp_path / 'out')]) == 0
+    assert 'no speed is in it' in capsys.readouterr().out
 
 
 def test_dates_of_parquet_are_times(tmp_path: Path) -> None:
