@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 from hunt_ros.errors import HuntError
 
 
-def write_whole(path: str | Path, content: str | bytes, what: str = 'file') -> None:
+def write_whole(
+    path: str | Path, content: str | bytes | Callable[[Path], object], what: str = 'file'
+) -> None:
     """
     Write a file under another name first: what stood there stays until the new one is on the disk.
 
@@ -18,8 +21,8 @@ def write_whole(path: str | Path, content: str | bytes, what: str = 'file') -> N
     path : str or Path
         A file that is there is replaced, and through a link the file that it leads to; a device
         or a pipe is written to.
-    content : str or bytes
-        A text is written as UTF-8.
+    content : str, bytes or callable
+        A text is written as UTF-8; what is too large for the memory writes itself to a path.
     what : str
         For the message.
 
@@ -29,14 +32,15 @@ def write_whole(path: str | Path, content: str | bytes, what: str = 'file') -> N
         If the disk refuses; nothing has changed then.
     """
     raw = content.encode('utf-8') if isinstance(content, str) else content
+    write = raw if callable(raw) else lambda file: file.write_bytes(raw)
     target = Path(os.path.realpath(path))
     partial = target.with_name(target.name + '.part')
     try:
         # A rename would put a file in the place of /dev/null, for every program of the machine.
         if os.path.exists(path) and not os.path.isfile(path):
-            Path(path).write_bytes(raw)
+            write(Path(path))
             return
-        partial.write_bytes(raw)
+        write(partial)
         with partial.open('rb+') as file:
             os.fsync(file.fileno())
         partial.replace(target)

@@ -79,7 +79,7 @@ class Bag:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.path = _existing(Path(path))
+        self.path = existing(Path(path))
         self.files: list[McapFile | SqliteFile] = []
         self.problems: list[str] = []
         self.remarks: list[str] = []
@@ -335,7 +335,8 @@ def read_metadata(path: Path) -> dict[str, Any]:
     return info
 
 
-def _existing(path: Path) -> Path:
+def existing(path: Path) -> Path:
+    """Return where a recording is: it may not be closed yet."""
     if path.exists():
         return path
     active = path.with_name(path.name + ACTIVE)

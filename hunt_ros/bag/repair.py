@@ -31,7 +31,7 @@ from hunt_ros.bag.mcap import records as rec
 from hunt_ros.bag.mcap.file import McapFile
 from hunt_ros.bag.mcap.layout import IMPOSSIBLE, Layout, walked_places
 from hunt_ros.bag.mcap.writer import McapWriter
-from hunt_ros.bag.reader import ACTIVE, Bag, folder_files, of_one, open_storage
+from hunt_ros.bag.reader import ACTIVE, Bag, existing, folder_files, of_one, open_storage
 from hunt_ros.bag.sqlite_file import SALVAGE_HINT
 from hunt_ros.errors import BagError
 
@@ -93,15 +93,13 @@ def repair(path: str | Path, out: str | Path) -> Repair:
     BagError
         If there is nothing to save, or `out` exists or cannot be written.
     """
-    source, target = Path(path), Path(out)
-    if not source.exists() and source.with_name(source.name + ACTIVE).exists():
-        source = source.with_name(source.name + ACTIVE)
+    source, target = existing(Path(path)), Path(out)
     active = target.with_name(target.name + ACTIVE)
     for name in (target, active):
         if name.exists():
             raise BagError(f'{name}: exists already, expected a name for the repaired recording')
     files = folder_files(source) if source.is_dir() else [source]
-    if not source.exists() or not files:
+    if not files:
         raise BagError(f'{source}: no recording there, expected .mcap or .db3 files')
     if not (source / 'metadata.yaml').exists():
         of_one(files)

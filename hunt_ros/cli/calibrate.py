@@ -81,14 +81,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _points(text: str) -> list[tuple[float, float]]:
     """Read pairs of a reading and its known displacement."""
-    pairs = [options.numbers(_READING, '=')(word) for word in text.split(',')]
-    if any(len(pair) != 2 for pair in pairs):
-        raise argparse.ArgumentTypeError(f'expected READING=KNOWN,..., got {text}')
-    return [(reading, known) for reading, known in pairs]
+    pair = options.numbers(_READING, '=', form='READING=KNOWN')
+    return [(reading, known) for reading, known in map(pair, text.split(','))]
 
 
 def _range(text: str) -> tuple[float, float]:
-    found = options.numbers(_READING, ',')(text)
-    if len(found) != 2 or found[0] >= found[1]:
+    low, high = options.numbers(_READING, ',', form='LOW,HIGH')(text)
+    if low >= high:
         raise argparse.ArgumentTypeError(f'expected a lower and a higher reading, got {text}')
-    return found[0], found[1]
+    return low, high

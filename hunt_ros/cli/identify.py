@@ -35,9 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     elif arguments.out and result.normal_form is not None:
         form = replace(result.normal_form, rig_name=options.rig_of(arguments).rig_name)
         write_whole(arguments.out, form.to_yaml(), 'parameter file')
-        partial = whole_of(arguments.out).with_suffix('.npz.part')
-        result.save(partial)
-        partial.replace(whole_of(arguments.out))
+        write_whole(whole_of(arguments.out), result.save, 'identification')
     tell(arguments.json, result.to_json, lambda: describe(result))
     return 0 if result.normal_form is not None else 1
 

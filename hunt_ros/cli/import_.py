@@ -11,7 +11,6 @@ from hunt_ros.bag.interchange.importers import load_record
 from hunt_ros.bag.record_writer import write_record
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import tell
-from hunt_ros.errors import BagError
 from hunt_ros.samples import CHANNELS, known
 from hunt_ros.sensors import MOTION, lacking
 
@@ -25,7 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add = partial(options.add, parser)
     add('file', type=Path, help='the file to read')
-    add('out', type=Path, help='folder of the bag; must not exist')
+    add('out', type=options.new_folder, help='folder of the bag; must not exist')
     which = f'{", ".join(MOTION)}, roller or speed'
     add('--channel', help=f'{which}: a column, data[1]*0.47, or a constant; repeatable')
     add('--rig', '--json')
@@ -38,9 +37,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the file, write the bag, say what is in it."""
-    if arguments.out.exists():
-        raise BagError(f'{arguments.out}: exists already, expected the name of a new folder')
-    options.refuse_place(arguments.out, 'the recording')
     mapping = options.channels_of(arguments, CHANNELS)
     record = check_units(
         load_record(arguments.file, mapping, rate_hz=arguments.rate, time=arguments.time)

@@ -28,13 +28,14 @@ EXAMPLE = (
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add = partial(options.add, parser)
-    add('out', type=Path, help='folder of the bag; must not exist')
+    add('out', type=options.new_folder, help='folder of the bag; must not exist')
     what = 'speed profile: file or text, as of the speed node, docs/profiles.md (%(default)s)'
     add('--profile', metavar='FILE', default=_SWEEP, help=what)
     longest = options.number(0.0, options.LONGEST_S, 's', above=True)
     add('--duration', type=longest, metavar='S', help='default: to the end of the profile')
+    pair = options.numbers(options.number(-1e6, 1e6), ':', form='T:SIZE')
     what = 'blow at T seconds that moves the wheelset sideways by SIZE m; repeatable'
-    add('--kick', type=_pair, action='append', default=[], metavar='T:SIZE', help=what)
+    add('--kick', type=pair, action='append', default=[], metavar='T:SIZE', help=what)
     add('--wheelset', type=Path, metavar='FILE', help='the rig as YAML (default: built in)')
     add('--rate', default=500.0, help='samples a second of the sensors (%(default)s)')
     size = options.number(0.0, 0.1)
@@ -51,9 +52,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate, write the bag, say where it is."""
-    if arguments.out.exists():
-        raise ConfigError(f'{arguments.out}: exists already, expected the name of a new folder')
-    options.refuse_place(arguments.out, 'the recording')
     rig, settings = _rig(arguments.wheelset), _settings(arguments)
     profile = Profile.read(arguments.profile)
     duration_s = profile.duration_s if arguments.duration is None else arguments.duration
@@ -105,10 +103,3 @@ def _settings(arguments: argparse.Namespace) -> SimulationSettings:
         lateral_sensor=SensorModel(noise=arguments.noise),
         yaw_sensor=SensorModel(noise=arguments.yaw_noise),
     )
-
-
-def _pair(text: str) -> tuple[float, float]:
-    found = options.numbers(options.number(-1e6, 1e6), ':')(text)
-    if len(found) != 2:
-        raise argparse.ArgumentTypeError(f'expected two numbers T:SIZE, got {text}')
-    return found[0], found[1]

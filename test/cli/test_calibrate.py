@@ -54,7 +54,7 @@ def test_points_that_bend_are_named(folder, capsys) -> None:
         (['a.yaml', '--points', '1=1'], '1 points: expected two'),
         (['a.yaml', '--points', '1=1,1=2'], 'two different readings'),
         (['a.yaml', '--points', '1=2,2=2'], 'two different readings and displacements'),
-        (['a.yaml', '--points', '1=1,2'], 'expected READING=KNOWN,..., got 1=1,2'),
+        (['a.yaml', '--points', '1=1,2'], 'expected READING=KNOWN, got 2'),
         (['a.yaml', '--points', '1=1,2=much'], 'to 1e+12, got much'),
         (['a.yaml', '--points', '1=1,2=2', '--unit', 'furlong'], '--unit furlong: expected one'),
         (

@@ -15,6 +15,7 @@ from hunt_ros.bag.channels import Channels, channel_map
 from hunt_ros.bag.columns import read_columns, read_record
 from hunt_ros.bag.reader import Bag
 from hunt_ros.errors import BagError
+from hunt_ros.files import write_whole
 from hunt_ros.samples import NANOSECONDS, Series
 from hunt_ros.sensors import si_of
 
@@ -61,7 +62,7 @@ def export_file(
 
     Raises
     ------
-    BagError
+    HuntError
         If the format is unknown, the file exists or cannot be written, or the
         channels cannot be read.
     """
@@ -95,18 +96,12 @@ def export_file(
     stamps, columns = aligned(series)
     if not stamps.size:
         raise BagError(f'{path}: no samples in this time')
-    partial = target.with_name(target.name + '.part')
     try:
-        writer(partial, stamps, columns)
-        partial.rename(target)
-    except OSError as error:
-        raise BagError(f'{out}: cannot be written ({error.strerror})') from error
+        write_whole(out, lambda file: writer(file, stamps, columns), 'table')
     except ImportError as error:
         raise BagError(
             f'{out}: {error.name} is not installed (pip install "hunt_ros[parquet]")'
         ) from error
-    finally:
-        partial.unlink(missing_ok=True)
     return int(stamps.size)
 
 

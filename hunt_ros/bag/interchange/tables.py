@@ -237,15 +237,9 @@ def _read_csv(path: Path) -> Table:
         if below:
             under = [cell.strip(' []()"') for cell in below[0]] + [''] * usual
             units = [a or b for a, b in zip(units, under, strict=False)]
-    end = (delimiter or '') * (width - usual)
-    table = Table(
-        _columns(
-            [line.rstrip().removesuffix(end) for line in lines] if end else lines,
-            first,
-            delimiter,
-            names,
-        )
-    )
+    if end := (delimiter or '') * (width - usual):
+        lines = [line.rstrip().removesuffix(end) for line in lines]
+    table = Table(_columns(lines, first, delimiter, names))
     for name in {name for name in names if names.count(name) > 1}:
         table[name] = BagError(f'the column {name!r} occurs twice, expected unique names')
     table.units = {name: unit for name, unit in zip(names, units, strict=False) if unit}

@@ -79,10 +79,22 @@ def whole(low: int = 0, high: int = 2**31 - 1) -> Callable[[str], int]:
 
 
 def numbers(
-    kind: Callable[[str], float], signs: str = ',:', none: bool = False
+    kind: Callable[[str], float], signs: str = ',:', none: bool = False, form: str = ''
 ) -> Callable[[str], tuple[float, ...]]:
-    """Return the type of an option that is numbers between these signs; `none`: '' is none."""
-    return lambda text: () if none and not text else tuple(map(kind, re.split(f'[{signs}]', text)))
+    """
+    Return the type of an option that is numbers between these signs.
+
+    `none`: '' is none; `form`, such as T:SIZE, says what they are, and how many.
+    """
+
+    def parse(text: str) -> tuple[float, ...]:
+        """Return the value of a text, or refuse it."""
+        parts = [] if none and not text else re.split(f'[{signs}]', text)
+        if form and len(parts) != len(re.split(f'[{signs}]', form)):
+            raise argparse.ArgumentTypeError(f'expected {form}, got {text}')
+        return tuple(map(kind, parts))
+
+    return parse
 
 
 def new_file(*endings: str) -> Callable[[str], Path]:
@@ -116,10 +128,16 @@ def new_file(*endings: str) -> Callable[[str], Path]:
 
 
 def new_folder(text: str) -> Path:
-    """Return the folder that a word names; it is made by who writes it."""
-    if not Path(text).name:
-        raise argparse.ArgumentTypeError(f'expected the name of a new folder, got {text!r}')
-    return Path(text)
+    """Return the folder that a word names, which is not there yet: who writes it makes it."""
+    path = Path(text)
+    if not path.name or path.exists():
+        why = ', which exists already' if path.name else ''
+        raise argparse.ArgumentTypeError(f'expected the name of a new folder, got {text!r}{why}')
+    try:
+        refuse_place(path, 'the recording')
+    except ConfigError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    return path
 
 
 def _json_target(text: str) -> str:
