@@ -33,7 +33,7 @@ _CLOCK_STEP_S = 0.4
 #: A lag that grows more slowly than `_LATE_S` in this time is drift of the clocks, s.
 _DRIFT_S = 30.0
 #: A start, in which every process loads its libraries, is over when all has been well for so
-#: long without a break, s: ten times what a silence may last.
+#: long without a break, s, ten times what a silence may last; or ill, since it was well first.
 _SETTLED_S = 3.0
 #: Motion is seen to die below this share of its median over so many statuses, 20 a second: it
 #: falls by 0.36 1/s. A limit cycle that follows the falling speed shrinks by less, and neither a
@@ -172,8 +172,9 @@ class Interlock:
 
     What is seen trips it at once: hunting, in protect, a displacement above the limit, and a
     roller that does what nobody told it. What is not seen trips it once all has been well for
-    3 s, because what was never there cannot fail: a detector that starts later than the drive
-    is no fault. Armed again by a person, it is awake at once.
+    3 s, or ill for 3 s since it was well first, because what was never there cannot fail: a
+    detector that starts later than the drive is no fault. Armed again by a person, it is awake
+    at once.
 
     Parameters
     ----------
@@ -209,6 +210,8 @@ class Interlock:
         self.displacement_m = math.nan
         self._watching = False
         self._unwell_ns = 0  # when all was not well last, before it watched
+        self._ill_ns = -1  # for how long it was not, since all was well first; -1: it never was
+        self._judged_ns = 0
         self.moving = False
         self._amplitudes: deque[float] = deque(maxlen=_STATUSES)
         self._told = False  # that the motion goes on at the safe speed
@@ -312,6 +315,7 @@ class Interlock:
         speed_mps : float
             Of the roller; NaN: not known.
         """
+        before_ns, self._judged_ns = self._judged_ns, now_ns
         trouble, troubles = self.trouble(now_ns), list(self._troubles(now_ns))
         blind = any(each.code in _BLIND for each in troubles)
         seen = next((each.words for each in troubles if each.code in _SEEN), '')
@@ -340,7 +344,12 @@ class Interlock:
         if trouble.words:
             self.cause = f'waits until all is well: {trouble.words}'
             self._unwell_ns = now_ns
-        elif not self._watching and now_ns - self._unwell_ns >= _SETTLED_S * NANOSECONDS:
+            if self._ill_ns >= 0:  # a profile may have begun when all was well
+                self._ill_ns += now_ns - before_ns
+                self._watching = self._ill_ns >= _SETTLED_S * NANOSECONDS
+            return None
+        self._ill_ns = max(self._ill_ns, 0)
+        if not self._watching and now_ns - self._unwell_ns >= _SETTLED_S * NANOSECONDS:
             self._watching, self.cause = True, 'no reason to trip'
         return None
 

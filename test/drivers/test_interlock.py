@@ -91,6 +91,15 @@ def test_a_pause_of_a_machine_that_starts_everything_at_once_is_no_silence() -> 
     assert watched.silence(0.5) == 'interlock_tripped'
 
 
+def test_what_was_well_at_the_start_and_is_lost_for_good_trips_it() -> None:
+    watched = Watched()
+    watched.run(0.6)
+    assert watched.interlock.refusal(watched.now_ns) == '', 'a profile may begin'
+    assert watched.run(2.9, level='STALE') == ''
+    assert watched.run(2.9) == ''
+    assert watched.run(0.3, level='STALE') == 'interlock_tripped'
+
+
 def test_it_stays_tripped_until_a_person_arms_it_and_not_while_the_cause_is_there() -> None:
     watched = Watched()
     watched.run(4.0)
