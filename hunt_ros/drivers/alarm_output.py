@@ -130,7 +130,7 @@ class Call:
         if not status:
             return Condition.DOUBT, f'no status since the start, for more than {START_S:g} s'
         if self._ending and now_s - self._drive_s < START_S:
-            return Condition.WELL, words
+            return Condition.WELL, f'the run is being ended: {words}'
         if not self.heard(now_s):
             return Condition.DOUBT, f'no status for {self._silence_s:g} s'
         if shelved:  # a detector that is silent calls all the same

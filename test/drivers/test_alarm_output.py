@@ -130,6 +130,9 @@ def test_who_is_silent_calls_whatever_is_shelved() -> None:
     call.hear(101.0, {'level': 'STALE', 'message': 'why'})
     assert not call.look(103.0), 'the speed node was asked to end'
     assert call.look(131.0), 'and somebody else was not'
+    call.hear_drive(131.0, {'ending': 'True'})
+    assert call.look(131.0)
+    assert call.cause == 'the run is being ended: STALE: why', 'no "well" that says STALE'
     call = _call('ERROR')
     assert not call.look(1e6), 'what was an alarm is one while nobody speaks'
     call = Call(1.0, 0.0)
