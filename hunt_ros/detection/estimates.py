@@ -184,10 +184,11 @@ class Estimator:
                 track['frequency_hz'],
                 np.where(changed, np.nan_to_num(both), 0.0),
             )
-            rows[f'{name}_envelope'], differs = opinion.update(
+            rows[f'{name}_envelope'], differs, gone = opinion.update(
                 rows_ns, stamp[own], value[own], lines, turning, said
             )
             disagree |= differs
+            rows[f'{name}_wrong'][gone] |= np.uint32(health.LOST)
             self._look_elsewhere(name, track, turning, rows)
         return rows, disagree, motion
 

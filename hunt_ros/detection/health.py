@@ -21,7 +21,8 @@ from hunt_ros.sensors import MOTION, SENSORS, saturated_from
 #: What can be wrong with a channel: words, and the code that it is part of in the code of an
 #: alarm where the channel cannot be trusted then; bit k of a row says number k. The first four
 #: are the marks of `stamps`; those from 13 on are not found by the kernel below: the check of the
-#: speed, the door, and silence of a channel that is optional, which is known and no fault.
+#: speed, the door, silence of a channel that is optional, which is known and no fault, and the
+#: second opinion.
 _TABLE = (
     ('repeated stamps', ''),
     ('stamps that jump back', ''),
@@ -38,23 +39,25 @@ _TABLE = (
     ('sampled too slowly for the fastest hunting that is followed', ''),
     ('contradicts the roller angle', 'contradicted'),
     ('clocks differ', ''),
+    ('', ''),
+    ('shows nothing any more, not even the roller', 'lost'),
 )
 _INVALID, _STANDS, _WAITING, _SILENT, _NO_VALUE, _STUCK, _SATURATED, _REVERSE, _SPARSE = range(
     4, 13
 )
 WAITING, SILENT, NO_VALUE, STUCK, SATURATED = (1 << k for k in range(6, 11))
-SPARSE, CONTRADICTED, CLOCK, ABSENT = (1 << k for k in range(12, 16))
+SPARSE, CONTRADICTED, CLOCK, ABSENT, LOST = (1 << k for k in range(12, 17))
 
 #: Words of each bit, the codes of those that make a channel one that cannot be trusted, and these
 #: and the others, which are told in the status, together.
-WORDS: dict[int, str] = {1 << k: words for k, (words, _) in enumerate(_TABLE)}
+WORDS: dict[int, str] = {1 << k: words for k, (words, _) in enumerate(_TABLE) if words}
 CODES: dict[int, str] = {1 << k: code for k, (_, code) in enumerate(_TABLE) if code}
 SEVERE = sum(CODES)
 MILD = sum(WORDS) - SEVERE
 #: A saturated sensor still shows that there is motion; the others show nothing.
 BLIND = SEVERE & ~SATURATED | ABSENT
 #: Of these, the ones that are a fault of the sensor rather than missing input.
-FAULTS = NO_VALUE | STUCK | SATURATED | CONTRADICTED
+FAULTS = NO_VALUE | STUCK | SATURATED | CONTRADICTED | LOST
 
 #: A fault is told for this long after its last sign, s: what comes and goes is one fault.
 FAULT_HOLD_S = 1.0

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import F1, R1, compiled
+from hunt_ros.compiled import B1, F1, R1, compiled, compiled_part
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.estimation.hilbert import HilbertEnvelope
 
@@ -27,8 +27,13 @@ _SIGMA, _SHARE = 4.0, 0.15
 _PERIODS = 10.0
 #: What the hunting left in a phasor at the start is forgotten after so many of these times.
 _SETTLED = 3.0
-#: Where the phasors begin in the memory of the kernels.
-_LINES = 5
+#: A sensor shows nothing any more where its readings have less than this part of the power of
+#: their lines, and no more than so many times that of white noise: a line that is cancelled by a
+#: motion, or beats with one that is not known, leaves other motion. So long as the lines had this
+#: part of the power of all before, and the roller turns as fast as it did to within this part.
+_VANISHED, _WHITE, _MADE_UP, _STEADY = 0.25, 2.0, 0.02, 0.1
+#: Places in the memory of the kernel: whether the lines have vanished; where the phasors begin.
+_GONE, _LINES = 10, 11
 #: Frequencies at which the gain of the envelope is tabulated.
 _FREQUENCIES = 400
 
@@ -64,7 +69,9 @@ class SecondOpinion:
         self._grid = np.linspace(0.0, 0.5 * self._rate, _FREQUENCIES)
         self._gains = self._envelope.gain(self._grid), self._envelope.gain(-self._grid)
         # Rows that were taken in, mean square of the third difference, the three values before;
-        # then the phasors of the lines, the first of which is the mean.
+        # mean squares over a period of readings, of lines and of the noise; of the readings over
+        # the memory; turns per second over it; whether the lines have vanished; then the phasors
+        # of the lines, the first of which is the mean.
         self._state = np.zeros(_LINES + 2 * self._orders.size)
         self._state[_LINES] = np.nan
         self._last_ns: int | None = None
@@ -86,7 +93,7 @@ class SecondOpinion:
         angle: _F,
         turning: _F,
         said: tuple[_F, _F, _F, _F],
-    ) -> tuple[_F, NDArray[np.bool_]]:
+    ) -> tuple[_F, NDArray[np.bool_], NDArray[np.bool_]]:
         """
         Take rows of the filter, and the readings that they were made of.
 
@@ -108,11 +115,14 @@ class SecondOpinion:
             That of the time half a filter length before each row; NaN where unknown.
         disagree : ndarray of bool, shape (m,)
             True where the two differ by more than their uncertainty allows.
+        gone : ndarray of bool, shape (m,)
+            True where the readings do not show the lines any more that they had.
         """
         size = rows_ns.size
         envelope, disagree = np.empty(size), np.zeros(size, dtype=np.bool_)
+        gone = np.zeros(size, dtype=np.bool_)
         if not size:
-            return envelope, disagree
+            return envelope, disagree, gone
         noise = np.empty(size)
         row = np.searchsorted(rows_ns, stamps_ns)  # the first that is not before the reading
         row, values = row[row < size], values[row < size]
@@ -126,12 +136,12 @@ class SecondOpinion:
                 self._start_again()
             part = slice(begin, end)
             tuned = self._orders, self._memory, self._state
-            _take_out(means[part], angle[part], *tuned, noise[part])
+            _take_out(means[part], angle[part], turning[part], *tuned, noise[part], gone[part])
             envelope[part] = self._envelope.update(means[part])
             self._say(count[part], turning[part], *(column[part] for column in said))
             disagree[part] = self._differ(envelope[part], self._envelope.noise_gain * noise[part])
         self._last_ns = int(rows_ns[-1])
-        return envelope, disagree
+        return envelope, disagree, gone
 
     def _say(
         self, count: NDArray[np.int64], turning: _F, amplitude: _F, std: _F, hz: _F, beside: _F
@@ -160,7 +170,16 @@ class SecondOpinion:
 
 
 @compiled
-def _take_out(values: F1, angle: R1, orders: F1, memory: float, state: F1, noise: F1) -> None:
+def _take_out(
+    values: F1,
+    angle: R1,
+    turning: R1,
+    orders: F1,
+    memory: float,
+    state: F1,
+    noise: F1,
+    gone: B1,
+) -> None:
     """
     Take mean and lines out of the values of rows, NaN: none; fill in the deviation of their noise.
 
@@ -177,18 +196,43 @@ def _take_out(values: F1, angle: R1, orders: F1, memory: float, state: F1, noise
                 state[_LINES] = value
             if math.isfinite(third):
                 state[1] += (third * third / 20.0 - state[1]) / seen
-            for k in range(orders.size):
-                if orders[k] == 0.0 or math.isfinite(angle[i]):
-                    turn = orders[k] * angle[i] if orders[k] > 0.0 else 0.0
-                    value -= state[_LINES + 2 * k] * math.cos(turn)
-                    value -= state[_LINES + 1 + 2 * k] * math.sin(turn)
+            line = 0.0
+            for k in range(1, orders.size):
+                if math.isfinite(angle[i]):
+                    turn = orders[k] * angle[i]
+                    line += state[_LINES + 2 * k] * math.cos(turn)
+                    line += state[_LINES + 1 + 2 * k] * math.sin(turn)
+            value -= state[_LINES]
+            _look_for_lines(value, line, third, turning[i], memory, state)
+            value -= line
             # As a mean over what there is at first: over a tenth of the memory at least.
             gain = 2.0 * value / (seen + 0.1 * memory)
-            for k in range(orders.size):
-                if orders[k] == 0.0:
-                    state[_LINES] += 0.5 * gain
-                elif math.isfinite(angle[i]):
+            state[_LINES] += 0.5 * gain
+            for k in range(1, orders.size):
+                if math.isfinite(angle[i]) and state[_GONE] == 0.0:
                     state[_LINES + 2 * k] += gain * math.cos(orders[k] * angle[i])
                     state[_LINES + 1 + 2 * k] += gain * math.sin(orders[k] * angle[i])
             values[i] = value
         noise[i] = math.sqrt(state[1]) if state[0] >= _SETTLED * memory else math.nan
+        gone[i] = state[_GONE] != 0.0
+
+
+@compiled_part
+def _look_for_lines(
+    value: float, line: float, third: float, turning: float, memory: float, state: F1
+) -> None:
+    """Find out whether the readings still have the power of their lines."""
+    seen = min(state[0], memory)
+    period = min(state[0], max(memory / _PERIODS, 1.0))
+    state[5] += (value * value - state[5]) / period
+    state[6] += (line * line - state[6]) / period
+    if math.isfinite(third):
+        state[7] += (third * third / 20.0 - state[7]) / period
+    state[8] += (value * value - state[8]) / seen
+    known = state[0] >= memory and state[6] > _MADE_UP * state[8]
+    known &= state[5] < _WHITE * state[7]
+    if math.isfinite(turning):
+        state[9] += (turning - state[9]) / seen
+        known &= abs(turning - state[9]) < _STEADY * state[9]
+    known |= state[_GONE] != 0.0
+    state[_GONE] = 1.0 if known and state[5] < _VANISHED * state[6] else 0.0

@@ -24,7 +24,7 @@ DETECTED = (
     *('escaping', 'limit_cycle'),
     *('alarm_lateral_mm', 'alarm_yaw_mrad', 'alarm_acceleration_mps2'),
     *('CHANNEL_waiting', 'CHANNEL_silent', 'CHANNEL_no_value'),
-    *('CHANNEL_stuck', 'CHANNEL_saturated', 'CHANNEL_contradicted'),
+    *('CHANNEL_stuck', 'CHANNEL_saturated', 'CHANNEL_contradicted', 'CHANNEL_lost'),
 )
 
 #: Event -> code of the alarm that begins with it, or ends with it; that of a limit is its test.

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from made import changed, held
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect, health
 from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Corners, Profile
@@ -182,6 +182,29 @@ def test_a_lateral_sensor_that_has_lost_its_signal_hides_no_hunting(
     assert not (rows['level'][late] == Level.OK).any()
     # Where nothing tells how yaw and lateral go together, yaw is judged from the kick on.
     assert (rows['level'][late if known else last] == Level.ERROR).all()
+
+
+@pytest.mark.parametrize('speed', [6.0, 7.2])
+def test_a_rig_whose_sensors_lose_their_targets_is_not_quiet(recorded, true_form, speed) -> None:
+    """What is left is their noise, and what hunts from 30 s on is seen by none of them."""
+    record, rng = recorded(speed, 40.0, kicks=[(30.0, 1e-3)]), np.random.default_rng(0)
+    lost = {
+        name: np.where(
+            record[name].stamps_ns >= 25e9,
+            noise * rng.normal(size=record[name].values.size),
+            record[name].values,
+        )
+        for name, noise in (('lateral', 5e-6), ('yaw', 2e-5))
+    }
+    detector = HuntingDetector(normal_form=true_form)
+    rows = detect(detector, changed(record, **lost)).estimates
+    gone = (rows['lateral_wrong'] & health.LOST) != 0
+    assert not gone[rows['stamp_ns'] < 25e9].any()
+    assert gone[rows['stamp_ns'] > 29e9].all()
+    assert (rows['level'][gone] == Level.STALE).all()
+    assert 'lateral: shows nothing any more, not even the roller' in detector.status.reasons
+    rows = detect(HuntingDetector(normal_form=true_form), record).estimates
+    assert not ((rows['lateral_wrong'] | rows['yaw_wrong']) & health.LOST).any()
 
 
 #: What a lab does to its two sensors, on readings in m and rad.

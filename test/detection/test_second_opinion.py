@@ -78,15 +78,16 @@ def test_a_gap_in_quiet_running_shows_no_motion(gap_s, offset_m, recorded) -> No
 
 def opinion_on(
     readings: NDArray[np.float64], line_hz: float, said: tuple[float, float, float]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return envelope and disagreement from 20 s on, beside a filter that says one thing."""
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return envelope, disagreement and vanished lines from 20 s on, beside one steady filter."""
     config = with_frequency(DetectorConfig(hunting_frequency_hz=4.0))
     rows_ns = (np.arange(readings.size) + 1) * config.period_ns
     told = [np.full(rows_ns.size, value) for value in (*said, 0.0)]
     angle, turning = 2.0 * np.pi * line_hz * rows_ns * 1e-9, np.full(rows_ns.size, line_hz)
     opinion = SecondOpinion(config, (1.0,))
-    envelope, disagree = opinion.update(rows_ns, rows_ns, readings, angle, turning, tuple(told))
-    return envelope[2000:], disagree[2000:]
+    told_by = opinion.update(rows_ns, rows_ns, readings, angle, turning, tuple(told))
+    envelope, disagree, gone = (each[2000:] for each in told_by)
+    return envelope, disagree, gone
 
 
 @pytest.mark.parametrize('amplitude', [3e-4, 3e-5])
@@ -95,7 +96,7 @@ def test_a_filter_whose_line_and_hunting_cancel_is_contradicted(amplitude: float
     t = 0.01 * np.arange(1, 4001)
     noise = 1e-6 * np.random.default_rng(1).standard_normal(t.size)
     readings = 1e-4 * np.cos(2.0 * np.pi * 6.4 * t) + noise
-    envelope, disagree = opinion_on(readings, 6.4, (amplitude, 0.01 * amplitude, 6.0))
+    envelope, disagree, _ = opinion_on(readings, 6.4, (amplitude, 0.01 * amplitude, 6.0))
     assert envelope.max() < 1e-5
     assert disagree.all()
 
@@ -106,6 +107,40 @@ def test_a_filter_that_takes_the_motion_for_noise_is_contradicted() -> None:
     hertz = np.fft.rfftfreq(6000, 0.01)
     motion = np.fft.irfft(np.where((hertz > 0.5) & (hertz < 8.0), spectrum, 0.0), 6000)
     readings = 8e-4 * motion / motion.std()
-    envelope, disagree = opinion_on(readings, 11.0, (2.4e-5, 1.14e-4, 4.0))
+    envelope, disagree, _ = opinion_on(readings, 11.0, (2.4e-5, 1.14e-4, 4.0))
     assert disagree[envelope > 6e-4].all()
     assert (envelope > 6e-4).mean() > 0.5
+
+
+@pytest.mark.parametrize('period_s', [0.0, 4.0, 16.0, 60.0])
+@pytest.mark.parametrize('loses', [False, True])
+def test_lines_have_vanished_where_nothing_is_left_and_not_where_they_beat(
+    period_s: float, loses: bool
+) -> None:
+    """A line of 20 um at 7.4 Hz, one beside it that nobody knows, and quiet motion of 4 um."""
+    t = 0.01 * np.arange(1, 8001)
+    rng = np.random.default_rng(1)
+    readings = 2e-5 * np.cos(2.0 * np.pi * 7.4 * t) + 4e-6 * np.cos(2.0 * np.pi * 4.0 * t)
+    if period_s:
+        readings += 2e-5 * np.cos(2.0 * np.pi * (7.4 + 1.0 / period_s) * t)
+    if loses:
+        readings[t > 40.0] = 0.0
+    readings += 1e-6 * rng.standard_normal(t.size)
+    *_, gone = opinion_on(readings, 7.4, (4e-6, 1e-6, 4.0))
+    assert gone[t[2000:] > 43.0].all() == loses
+    assert not gone[t[2000:] <= 40.0].any()
+    assert gone.any() == loses
+
+
+def test_lines_of_a_roller_that_stops_have_not_vanished() -> None:
+    t = 0.01 * np.arange(1, 8001)
+    hertz = np.clip(7.4 - 2.0 * np.clip(t - 40.0, 0.0, None), 0.0, None)
+    turns = np.cumsum(0.01 * hertz)
+    noise = 1e-6 * np.random.default_rng(1).standard_normal(t.size)
+    readings = np.where(hertz > 0.0, 2e-5 * np.cos(2.0 * np.pi * turns), 0.0) + noise
+    rows_ns = np.arange(1, 8001) * 10_000_000
+    opinion = SecondOpinion(with_frequency(DetectorConfig()), (1.0,))
+    told = tuple(np.full(t.size, value) for value in (1e-6, 1e-6, 2.84, 0.0))
+    angle = 2.0 * np.pi * turns
+    *_, gone = opinion.update(rows_ns, rows_ns, readings, angle, hertz, told)
+    assert not gone.any()
