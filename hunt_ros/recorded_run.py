@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from hunt_ros.detection import CompanionConfig, DetectorConfig, Event, JournalEntry, Level
 
-_DETECTOR = 'hunting_detector'
 _JOURNAL = 'hunting/journal'
-#: Parameters of the node by which no row changes.
-_OF_THE_NODE = ('frame_id', 'autostart', 'use_sim_time', 'start_type_description_service')
 
 
 @dataclass(frozen=True)
@@ -54,34 +50,27 @@ def recorded_run(path: Path) -> RecordedRun | None:
     Raises
     ------
     HuntError
-        If its journal or its parameters are there but cannot be read.
+        If its journal is there but cannot be read.
     """
     from hunt_ros.bag import Bag
     from hunt_ros.bag.messages import read_texts
-    from hunt_ros.rig import parameters_of
 
     with Bag(path) as bag:
-        texts_of_journal = [entry.text for entry in read_texts(bag, _JOURNAL)]
-        texts = bag.strings('parameters')
-    journal = [JournalEntry.from_text(t) for text in texts_of_journal for t in text.splitlines()]
-    starts = [k for k, entry in enumerate(journal) if entry.kind == 'start']
+        texts = [entry.text for entry in read_texts(bag, _JOURNAL)]
+    journal = [JournalEntry.from_text(t) for text in texts for t in text.splitlines()]
+    starts = [k for k, entry in enumerate(journal) if entry.kind == 'start' and entry.config]
     if not starts:
         return None
-    detectors = [text for node, text in texts.items() if node.rsplit('/', 1)[-1] == _DETECTOR]
-    parameters: dict[str, object] = {}
-    if detectors:
-        source = f'{path}: recorded parameters of {_DETECTOR}'
-        parameters = parameters_of(_DETECTOR, detectors[-1], source)
-    start = journal[starts[-1]]
-    if not start.config and not detectors:
-        return None
-    told = [entry.config for entry in journal] + [entry.companions for entry in journal]
-    told = [values for values in told if values] or [parameters]
+    unknown: set[str] = set()
+    for entry in journal:
+        unknown |= DetectorConfig.unknown(entry.config)
+        unknown |= CompanionConfig.unknown(entry.companions)
+    last = journal[starts[-1]]
     return RecordedRun(
-        DetectorConfig.from_recorded(start.config or parameters),
-        CompanionConfig.from_recorded(start.companions or parameters),
+        DetectorConfig.from_recorded(last.config),
+        CompanionConfig.from_recorded(last.companions),
         journal[starts[0] :],
-        sorted(set().union(*map(_unknown, told))),
+        sorted(unknown),
     )
 
 
@@ -127,10 +116,3 @@ def recorded_events(path: Path) -> list[Event] | None:
         ),
         key=lambda event: event.stamp_ns,
     )
-
-
-def _unknown(values: Mapping[str, object]) -> set[str]:
-    """Return the names that are settings of nothing that a replay runs, and once were."""
-    names = DetectorConfig.unknown(values) & CompanionConfig.unknown(values)
-    names -= set(_OF_THE_NODE)
-    return {name for name in names if '.' not in name}  # normal_form.v_c, qos_overrides. ...

@@ -58,8 +58,7 @@ class JournalEntry:
         For 'start' and 'normal_form' a parameter file; for 'acknowledged' who did, where that
         is known.
     config : mapping of str to object
-        For 'start' and 'settings': every setting of the detector by name; empty in earlier
-        recordings.
+        For 'start' and 'settings': every setting of the detector by name.
     kept : bool
         For 'start': hunting, alarm and what is quiet go on from the run before, as after a pause.
     companions : mapping of str to object

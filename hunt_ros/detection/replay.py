@@ -44,8 +44,7 @@ def watch(
         Each channel in the order of its arrival; they must be those of the detector's config.
     detector : HuntingDetector
         Without a journal it goes on as it is. With one it is started as the journal says, with its
-        settings and its normal form; its own settings count where an earlier recording does
-        not have them.
+        settings and its normal form.
     progress : callable
         Told which fraction is done.
     journal : sequence of JournalEntry, optional
@@ -93,15 +92,13 @@ def watch(
 
 def _begin(detector: HuntingDetector, first: JournalEntry, alone: bool) -> None:
     """Start a run as its first entry says; `alone`: there is none before it."""
-    if first.kind != 'start':
-        detector.reset()
-    elif first.kept and not alone:
+    if first.kept and not alone:
         detector.restart()
     else:
-        form = IdentifiedNormalForm.from_yaml(first.text) if first.text else None
-        config = DetectorConfig.from_recorded(first.config) if first.config else None
-        detector.set_normal_form(form)
-        detector.reset(config)
+        detector.set_normal_form(
+            IdentifiedNormalForm.from_yaml(first.text) if first.text else None
+        )
+        detector.reset(DetectorConfig.from_recorded(first.config))
 
 
 def _feed(

@@ -19,16 +19,11 @@ from hunt_ros.detection import DetectorConfig, JournalEntry
 UNKNOWN = 'settings of the recording that this version does not have: '
 
 
-def _bag(
-    path: Path, journal: list[JournalEntry], parameters: dict[str, object] | None = None
-) -> str:
+def _bag(path: Path, journal: list[JournalEntry]) -> str:
     """Write three quiet seconds with the journal of their live run."""
     noise = 1e-5 * np.random.default_rng(1).standard_normal(300)
     record = record_of(1.0 + np.arange(300) / 100.0, lateral=noise, speed=7.0)
     with BagWriter(path) as bag:
-        if parameters is not None:
-            section = {'/rig/hunting_detector': {'ros__parameters': parameters}}
-            bag.note('parameters', {'/rig/hunting_detector': json.dumps(section)})
         lines = '\n'.join(entry.to_text() for entry in journal)
         raw = lines.encode() + b'\0'
         key = bag.topic('/rig/hunting/journal', 'std_msgs/msg/String', latched=True)
@@ -43,9 +38,6 @@ def _replayed(words: list[str], capsys: pytest.CaptureFixture[str]) -> dict:
     return json.loads(capsys.readouterr().out)
 
 
-CHANNELS = ['lateral', 'speed']
-
-
 def test_settings_of_another_version_are_left_out_and_named(tmp_path, capsys) -> None:
     config = asdict(DetectorConfig(channels=('lateral', 'speed'), critical_speed_mps=6.0))
     old = {**config, 'roughness': [1, 2]}
@@ -57,23 +49,7 @@ def test_settings_of_another_version_are_left_out_and_named(tmp_path, capsys) ->
     assert UNKNOWN + 'roughness, whiteness' in result['warnings']
     assert result['summary']['region_time_s']['unstable'] > 2.0, 'the others are in force'
 
-    # The recordings of 0.1.0 have the settings in the recorded parameters alone.
-    parameters = {
-        'channels': CHANNELS,
-        'critical_speed_mps': 6.0,
-        'roughness': [1, 2],
-        'autostart': True,
-        'frame_id': 'roller_rig',
-        'use_sim_time': False,
-        'normal_form.v_c': 8.0,
-        'criteria': [''],
-    }
-    bag = _bag(tmp_path / 'parameters', [JournalEntry('start', None)], parameters)
-    result = _replayed([bag], capsys)
-    assert [line for line in result['warnings'] if UNKNOWN in line] == [UNKNOWN + 'roughness']
-    assert result['summary']['region_time_s']['unstable'] > 2.0
-
-    now = _bag(tmp_path / 'now', [JournalEntry('start', None, config=config)], parameters)
+    now = _bag(tmp_path / 'now', [JournalEntry('start', None, config=config)])
     assert not [line for line in _replayed([now], capsys)['warnings'] if UNKNOWN in line]
     for words in (['--set', 'roughness=[1]'], ['--fresh', '--set', 'roughness=[1]']):
         assert main(['replay', now, *words]) == 2
@@ -84,7 +60,6 @@ def test_what_ran_beside_the_detector_is_told_by_the_journal_too(tmp_path, capsy
     config = asdict(DetectorConfig(channels=('lateral', 'speed')))
     told = {'criteria': ['cfr_213_333'], 'criteria_scale': 1e-4, 'forecast': 'off'}
     journal = [JournalEntry('start', None, config=config, companions=told)]
-    parameters = {'channels': CHANNELS, 'forecast': 'smooth', 'criteria_scale': 1.0}
-    result = _replayed([_bag(tmp_path / 'run', journal, parameters)], capsys)
+    result = _replayed([_bag(tmp_path / 'run', journal)], capsys)
     assert result['summary']['forecast'] is None
     assert [one['criterion'] for one in result['criteria']] == ['cfr_213_333']
