@@ -98,10 +98,6 @@ class Rig(Settings):
         unit='rad',
         low=0.0,
     )
-    lateral_resolution_m: float = _known(
-        'smallest step of the lateral reading (0: not known)', 'm'
-    )
-    yaw_resolution_rad: float = _known('smallest step of the yaw reading (0: not known)', 'rad')
     speed_resolution_mps: float = _known(
         'smallest step of the speed reading (0: not known)', 'm/s', 100.0
     )

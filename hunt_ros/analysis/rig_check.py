@@ -234,7 +234,12 @@ def _readings(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
         )
         yield _judged('noise', channel, 0.0 < most < noise, text, advice, noise, unit)
     if channel != 'roller':
-        yield _resolution(channel, smallest_step(values), noise, unit, rig)
+        step = smallest_step(values)
+        text = f'the smallest step of the readings is {step:.3g} {unit}'
+        # Noise of a step and more is averaged out; below it what is smaller is not seen at all.
+        coarse = channel in MOTION and noise < 0.5 * step
+        advice = 'coarser than the noise: motion below one step is not seen; use a smaller range'
+        yield _judged('resolution', channel, coarse, text, advice, step, unit, WARN)
     limit = saturated_from(rig, channel)
     largest = float(np.abs(values).max())
     if 0.0 < limit <= largest:
@@ -250,27 +255,6 @@ def _noise(values: NDArray[np.float64]) -> float:
     """Standard deviation of the white noise, from second differences (Rice, 1984)."""
     second = values[2:] - 2.0 * values[1:-1] + values[:-2]
     return float(np.sqrt(np.mean(second**2) / 6.0))
-
-
-def _resolution(channel: str, step: float, noise: float, unit: str, rig: Rig) -> Finding:
-    """Return the smallest step of the readings, and whether it hides the motion."""
-    stated = {
-        'lateral': rig.lateral_resolution_m,
-        'yaw': rig.yaw_resolution_rad,
-        'speed': rig.speed_resolution_mps,
-    }.get(channel, 0.0)
-    text = f'the smallest step of the readings is {step:.3g} {unit}'
-    if stated > 0.0 and step > 1.5 * stated:
-        advice = (
-            f'the rig file says {stated:.3g} {unit}: use the whole range of the converter, or'
-            ' correct the file'
-        )
-        return Finding('resolution', channel, FAIL, text, advice, step, unit)
-    # Noise of a step and more is averaged out; below it what is smaller is not seen at all.
-    if channel in MOTION and noise < 0.5 * step:
-        advice = 'coarser than the noise: motion below one step is not seen; use a smaller range'
-        return Finding('resolution', channel, WARN, text, advice, step, unit)
-    return Finding('resolution', channel, OK, text, '', step, unit)
 
 
 def _roller(record: Record, rig: Rig) -> Iterator[Finding]:
