@@ -58,7 +58,8 @@ def hysteresis_loop(
         figure = style.new_figure()
         axes = figure.subplots()
         style.frame(axes, style.SPEED_LABEL, style.AMPLITUDE_LABEL)
-        draw_states(axes, one.steady_states, joined=True)
+        for source in dict.fromkeys(state.source for state in one.steady_states):
+            draw_states(axes, [x for x in one.steady_states if x.source == source], joined=True)
         _maxima(axes, one)
         _seen_without_model(axes, one)
         axes.margins(x=0.06)
@@ -164,13 +165,14 @@ def _maxima(axes: Axes, one: Identification) -> None:
 
 def _seen_without_model(axes: Axes, one: Identification) -> None:
     """Mark kicks that died, kicks that stayed, and the bounds of v_n that follow."""
-    for kind, marker, label in (('died', 'v', 'kick that died'), ('stayed', '^', 'that stayed')):
+    for kind, marker in (('died', 'v'), ('stayed', '^')):
         kicks = [
             (event.speed, style.MILLIMETRES * event.kick)
             for event in one.bracket.events
             if event.kind == kind and math.isfinite(event.kick)
         ]
         if kicks:
+            label = f'kick that {kind}'
             axes.plot(
                 *zip(*kicks, strict=True), marker, color=style.MUTED, mfc='none', label=label
             )
