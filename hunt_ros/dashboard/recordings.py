@@ -74,11 +74,9 @@ class Recordings:
 
     def file(self, name: str, file: str) -> Path | None:
         """Return a file of a recording that can be had; None where there is none of that name."""
-        with suppress(OSError, HuntError):
-            for path, clips in self._paths().items():
-                if path.name == name:
-                    offered = _offered(path, clips)
-                    return next((each for each in offered if each.name == file), None)
+        with suppress(OSError, HuntError, KeyError):
+            path, clips = self._named()[name]
+            return next((each for each in _offered(path, clips) if each.name == file), None)
         return None
 
     def form(self, name: str) -> Path | None:
@@ -88,11 +86,13 @@ class Recordings:
 
     def report(self, name: str) -> Path | None:
         """Return the report of a recording; None where there is none."""
-        with suppress(OSError):
-            for path in self._paths():
-                if path.name == name:
-                    return _report(path)
+        with suppress(OSError, KeyError):
+            return _report(self._named()[name][0])
         return None
+
+    def _named(self) -> dict[str, tuple[Path, list[Path]]]:
+        """Return the recordings with their clips, by name."""
+        return {path.name: (path, clips) for path, clips in self._paths().items()}
 
     def _paths(self) -> dict[Path, list[Path]]:
         """Return what looks like a recording, each with the clips of it."""

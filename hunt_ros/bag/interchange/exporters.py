@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.channels import Channels, channel_map
+from hunt_ros.bag.channels import Channels
 from hunt_ros.bag.columns import read_columns, read_record
 from hunt_ros.bag.reader import Bag
 from hunt_ros.errors import BagError
@@ -74,28 +74,22 @@ def export_file(
         raise BagError(f'{out}: exists already, expected the name of a new file')
     with Bag(path) as bag:
         origin, last = bag.span_ns or (0, 0)
-        if from_s is not None and from_s * NANOSECONDS > last - origin:
-            raise BagError(
-                f'{path}: lasts {(last - origin) / NANOSECONDS:.3f} s, from {from_s:g} s is behind'
-                ' the end'
-            )
         series: Mapping[str, Series]
         if channels:
-            if _STAMPS in channel_map(channels, allowed=None):
-                raise BagError(
-                    f'{out}: {_STAMPS} is the column of the stamps, expected another name'
-                )
             series = read_columns(bag, channels)
         else:
             record = read_record(bag, as_stamped=True)
             series = {f'{name}_{si_of(name)}': one for name, one in record.items()}
+    if _STAMPS in series:
+        raise BagError(f'{out}: {_STAMPS} is the column of the stamps, expected another name')
     if from_s is not None or to_s is not None:
         begin = origin + round((from_s or 0.0) * NANOSECONDS)
         end = last + 1 if to_s is None else origin + round(to_s * NANOSECONDS)
         series = {name: one.between(begin, end) for name, one in series.items()}
     stamps, columns = aligned(series)
     if not stamps.size:
-        raise BagError(f'{path}: no samples in this time')
+        lasts_s = (last - origin) / NANOSECONDS
+        raise BagError(f'{path}: no samples in this time, it lasts {lasts_s:.3f} s')
     try:
         write_whole(out, lambda file: writer(file, stamps, columns), 'table')
     except ImportError as error:

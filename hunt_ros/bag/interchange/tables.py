@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import logging
+import math
 import re
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
@@ -222,9 +223,11 @@ def _read_csv(path: Path) -> Table:
     first = next(i for i, kind in kinds.items() if kind == most)
     names, units = [f'c{number}' for number in range(usual)], [''] * usual
     above = [_cells(line.lstrip('#% '), delimiter) for line in lines[:first]]
-    heads = [i for i, row in enumerate(above) if _is_head(row, usual)]
+    most_names = usual + (delimiter is not None)  # one for remarks; a title of words has any
+    heads = [i for i, row in enumerate(above) if _is_head(row, usual, most_names)]
     if heads:  # numpy writes the names as a comment
-        two = len(heads) > 1 and heads[-2] == heads[-1] - 1 and lines[heads[-2]][0] not in '#%'
+        two = heads[-2:-1] == [heads[-1] - 1] and _filled(above[heads[-2]]) == usual
+        two = two and all(lines[i][0] not in '#%' for i in heads[-2:])
         place = heads[-2 if two else -1]
         pairs = [_name_and_unit(cell.strip()) for cell in above[place][:usual]]
         names, units = [name for name, _ in pairs], [unit for _, unit in pairs]
@@ -282,9 +285,10 @@ def _filled(cells: list[str]) -> int:
     return max((place for place, cell in enumerate(cells, start=1) if cell.strip()), default=0)
 
 
-def _is_head(cells: list[str], least: int) -> bool:
-    """Return True for names or units: so many cells at least are filled, and none is a number."""
-    return _filled(cells) >= least and not any(c.strip() and _is_number(c) for c in cells)
+def _is_head(cells: list[str], least: int, most: float = math.inf) -> bool:
+    """Return True for names or units: so many cells are filled, and none is a number."""
+    words = not any(c.strip() and _is_number(c) for c in cells)
+    return words and least <= _filled(cells) <= most
 
 
 def _is_number(cell: str) -> bool:

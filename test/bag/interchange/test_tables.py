@@ -75,6 +75,8 @@ def test_matlab_structures_are_followed(tmp_path: Path) -> None:
         ('\ufefft, y\n0, 10\n\n0.5, 20\n\n', ['lateral=y*0.001']),
         ('t,lateral\n\n0,0.01\n\n0.5,0.02\n', []),
         ('# rig 1\n# t,lateral\n0,0.01\n0.5,0.02\n', []),  # numpy.savetxt
+        ('measured today\n# t lateral\n0 0.01\n0.5 0.02\n', []),
+        ('measured by me\nt lateral\n0 0.01\n0.5 0.02\n', []),
         ('t,lateral,remark,ok\n0,0.01,start,TRUE\n0.5,0.02,,FALSE\n', []),
         # A constant leaves the columns that are found by name.
         ('t,lateral,speed_setpoint\n0,0.01,9\n0.5,0.02,9\n', ['speed=5']),
