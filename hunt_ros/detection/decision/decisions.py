@@ -70,6 +70,7 @@ def fresh_memory() -> NDArray[np.void]:
     memory['floor']['intensity'] = math.nan
     memory['state']['reference'] = math.nan
     memory['ratios']['smooth'] = likelihood.SELDOM
+    memory['ratios']['at'] = math.inf
     memory['outlook'] = NO_OUTLOOK
     return memory
 
@@ -183,21 +184,16 @@ def _learn(
     rules: Rules, form: FormNumbers, m: Any, a: float, s: float, predictable: bool, out: Any
 ) -> None:
     """Learn from a row what is quiet, and what its amplitude does."""
-    v, idle = out['speed'], m['state']['hunting']['word'] == states.NO
-    if idle and likelihood.moved_on(rules, m['ratios'], v):
-        likelihood.begin_anew(m['ratios'], v)
-        learns = not predictable or m['outlook']['quiet'] > 0.5  # else there is none to learn
-        if learns and not likelihood.settled(m['ratios']):
-            noise_floor.forget(m['floor'])
+    v, over = out['speed'], m['state']['hunting']['word'] in (states.NO, states.DECAYING)
     if math.isnan(a):
         likelihood.interrupt(m['ratios'])
     else:
         drift = growth_at(form, v, a) if predictable else math.nan
         line = (out['doubts'] & doubts.ON_LINE) != 0
         spread = math.hypot(s, 0.5 * out['step'])
-        likelihood.watch(rules, m['ratios'], a, spread, drift, line)
+        likelihood.watch(rules, m['ratios'], v, a, spread, drift, line)
         noise_floor.observe(rules, m['floor'], a)
-        if idle:
+        if over:
             # By the form, what grows from here is hunting that begins.
             sure = rules.probability_in
             beyond = out['escape_probability'] > sure

@@ -40,6 +40,10 @@ adds to S (the variance of the step of a Kalman filter); a miss of variance S + 
 (S / (S + e))^2 times as much of S as one of variance S, and has that weight. The first mark is a
 step after the first estimate, which is a guess. What moves further over the shortest horizon than
 noise does is a kick, or hunting that grows fast: the misses across it are left out.
+What drives the motion at one speed does not at another, least of all at standstill. Nothing is
+forgotten for it: an increment has a weight, of which the distance of its speed from that of now
+takes away. After a change of the speed there are few degrees of freedom, and what was seen
+before counts again where the speed comes back.
 Called by the kernel of the decisions, row by row.
 """
 
@@ -69,11 +73,9 @@ _FIRST = 8
 _WANDER = 0.005
 #: No miss counts for more than this many times its variance: one in a hundred is larger.
 _RARE = 6.6
-#: A speed that differs by this part, and by more than a roller at rest is read to have (m/s), is
-#: another one: the power of the response to noise, 1 / damping, changes by as much again.
+#: An increment at a speed that differs by this part, and by what a roller at rest is read to
+#: have (m/s), tells a quarter: S goes with some power of the speed, which is not known to two.
 _ANOTHER_SPEED, _STANDSTILL = 0.1, 0.02
-#: after this time, s: a reading may be wrong for a while.
-_STAYS_S = 3.0
 #: Median of chi^2 of one degree of freedom.
 _MEDIAN = 0.455
 #: The mean square of the amplitude moves up by this many S.
@@ -93,33 +95,28 @@ SURE = 0.1
 
 #: A jump less than so many marks after another one is no kick: the noise has risen.
 SELDOM = 4 * HORIZONS[_TELLING - 1]
-#: Marks from which on the noise is known over the longest horizon that tells growth.
-_KNOWN = (_FIRST + 2) * HORIZONS[_TELLING - 1]
-_LONGEST = HORIZONS[-1]
-_KEPT = 2 * _LONGEST + 1
+_KEPT = 2 * HORIZONS[-1] + 1
+_INCREMENTS = round(2.0 * _MEMORY)
 
-#: What is remembered. Since the last gap: rows since the last mark, marks; the speed at which the
-#: noise was last begun to be learnt, m/s (0: none), the first one half as far away as another one
-#: is, or the same, the marks since then and since a jump, and for how many rows it is another;
-#: amplitudes and their standard deviations (m) at the last marks. Of the noise, by horizon:
-#: squared misses of the middle and the part of the tracker's error in them (m^2), the last one
-#: first, their number, variance of the quiet motion and variance S now (m^2; 0 before it is
-#: known), degrees of freedom; S by mean square (m^2), and the sum of the weights in it. The
-#: statistics by horizon and chain, and their logarithms.
+#: What is remembered. Since the last gap: rows since the last mark, marks; the last speed that was
+#: known, m/s, marks since a jump; amplitudes and their standard deviations (m) at the last marks.
+#: Of the noise, by horizon: squared misses of the middle, the part of the tracker's error in them
+#: (m^2) and their speeds (m/s, inf: none), the last one first; how many marks they are worth, for
+#: how many of those it was noise alone; variance of the quiet motion and variance S now (m^2; 0
+#: before it is known), degrees of freedom; S by mean square (m^2), and the sum of the weights in
+#: it. The statistics by horizon and chain, and their logarithms.
 LIKELIHOOD: np.dtype[np.void] = np.dtype(
     [
         ('rows', np.int64),
         ('marks', np.int64),
         ('speed', np.float64),
-        ('later', np.float64),
-        ('since', np.int64),
         ('smooth', np.int64),
-        ('another', np.int64),
         ('a', np.float64, (_KEPT,)),
         ('s', np.float64, (_KEPT,)),
-        ('square', np.float64, (len(HORIZONS), _RECENT * _LONGEST)),
-        ('error', np.float64, (len(HORIZONS), _RECENT * _LONGEST)),
-        ('seen', np.int64, (len(HORIZONS),)),
+        ('square', np.float64, (len(HORIZONS), _INCREMENTS)),
+        ('error', np.float64, (len(HORIZONS), _INCREMENTS)),
+        ('at', np.float64, (len(HORIZONS), _INCREMENTS)),
+        ('count', np.float64, (len(HORIZONS),)),
         ('alone', np.int64, (len(HORIZONS),)),
         ('quiet', np.float64, (len(HORIZONS),)),
         ('noise', np.float64, (len(HORIZONS),)),
@@ -146,66 +143,19 @@ def well_known(a: float, s: float) -> bool:
 @compiled_part
 def interrupt(memory: Any) -> None:
     """Begin the chain of marks anew: the amplitude is not known. The evidence stands."""
-    memory['rows'] = memory['marks'] = memory['since'] = 0
-
-
-@compiled_part
-def moved_on(rules: Rules, memory: Any, v: float) -> bool:
-    """
-    Return True where the speed, m/s, has become another one since the noise began to be learnt.
-
-    What drives the motion at one speed does not at another, least of all at standstill.
-    """
-    if not v >= 0.0:
-        return False
-    if memory['speed'] == 0.0:
-        memory['speed'] = memory['later'] = max(v, 1e-9)
-    if memory['later'] == memory['speed'] and _differ(v, memory['speed'], 0.5 * _ANOTHER_SPEED):
-        memory['later'], memory['since'] = v, 0
-    another = _differ(v, memory['speed'], _ANOTHER_SPEED)
-    memory['another'] = memory['another'] + 1 if another else 0
-    # A kick is judged by the noise before it: that of after it is not known for as long.
-    waits = 0 if memory['smooth'] >= SELDOM else SELDOM * rules.step
-    return bool((memory['another'] - waits) * rules.stride > _STAYS_S)
-
-
-@compiled_part
-def _differ(v: float, other: float, part: float) -> bool:
-    """Return True where speeds, m/s, differ by this part, and by more than readings at rest do."""
-    return abs(v - other) > max(part * v, _STANDSTILL)
-
-
-@compiled_part
-def begin_anew(memory: Any, v: float) -> None:
-    """
-    Forget what was learnt at another speed than v, m/s.
-
-    The marks since the speed was near stay where the noise is known from them.
-    """
-    near = not _differ(v, memory['later'], _ANOTHER_SPEED) and memory['since'] >= _KNOWN
-    kept = memory['since'] if near else 0
-    memory['speed'] = memory['later'] = max(memory['later'] if near else v, 1e-9)
-    memory['another'] = 0
-    memory['marks'] = min(memory['marks'], kept)
-    for j in range(len(HORIZONS)):
-        memory['seen'][j] = min(memory['seen'][j], max(kept - 2 * HORIZONS[j], 0))
-        memory['alone'][j] = 0
-        recent = min(memory['seen'][j], _RECENT * HORIZONS[j])
-        if recent > 0:
-            memory['quiet'][j] = np.median(memory['square'][j, :recent]) / _MEDIAN
-        else:
-            memory['quiet'][j] = memory['noise'][j] = memory['freedom'][j] = 0.0
-            memory['moved'][j] = memory['known'][j] = 0.0
-    memory['grows'][:] = 0.0
-    memory['falls'][:] = 0.0
-    memory['holds'][:] = 0.0
-    memory['growth'] = memory['fall'] = memory['hold'] = math.log(1e-300)
+    memory['rows'] = memory['marks'] = 0
 
 
 @compiled_part
 def settled(memory: Any) -> bool:
     """Return True once the noise is known over the longest horizon that tells growth, about."""
-    return bool(memory['seen'][_TELLING - 1] >= HORIZONS[_TELLING - 1])
+    return bool(memory['count'][_TELLING - 1] >= HORIZONS[_TELLING - 1])
+
+
+@compiled_part
+def rows_near(rules: Rules, memory: Any) -> float:
+    """Return of how many rows at about this speed the noise is known."""
+    return float(memory['count'][_TELLING - 1] * rules.step)
 
 
 @compiled_part
@@ -229,11 +179,11 @@ def excess(rules: Rules, memory: Any) -> float:
     for j in range(len(HORIZONS)):
         worth = _independent(memory['known'][j], HORIZONS[j])
         most = max(most, _unlikely(rules, memory, j, memory['moved'][j], worth))
-        if j < _TELLING and memory['seen'][j] > 0 and memory['noise'][j] > 0.0:
+        if j < _TELLING and memory['noise'][j] > 0.0:
             longest = j
     for j in range(longest, len(HORIZONS)):
         # Neighbouring increments overlap: half a horizon of them makes up for an independent one.
-        freedom = 2.0 / HORIZONS[j] * min(memory['seen'][j], 2.0 * _MEMORY)
+        freedom = 2.0 / HORIZONS[j] * min(memory['count'][j], 2.0 * _MEMORY)
         if memory['noise'][j] > 0.0:
             most = max(most, _unlikely(rules, memory, j, memory['noise'][j], freedom))
     return most
@@ -262,7 +212,9 @@ def _independent(count: float, h: int) -> float:
 
 
 @compiled_part
-def watch(rules: Rules, memory: Any, a: float, s: float, drift: float, line: bool) -> None:
+def watch(
+    rules: Rules, memory: Any, v: float, a: float, s: float, drift: float, line: bool
+) -> None:
     """
     Take in a row.
 
@@ -270,6 +222,8 @@ def watch(rules: Rules, memory: Any, a: float, s: float, drift: float, line: boo
     ----------
     rules, memory
         Thresholds, and a record of LIKELIHOOD.
+    v : float
+        Speed, m/s; NaN: not known, the last one stands.
     a, s : float
         Amplitude and its standard deviation, m.
     drift : float
@@ -287,14 +241,16 @@ def watch(rules: Rules, memory: Any, a: float, s: float, drift: float, line: boo
     memory['a'][0] = a
     memory['s'][0] = s
     memory['marks'] += 1
-    memory['since'] += 1
+    if v >= 0.0:
+        memory['speed'] = v
     memory['smooth'] += 1
     jumps = _jumps(rules, memory)
     if jumps and memory['smooth'] >= SELDOM:
         memory['smooth'] = 0
     noise_alone = excess(rules, memory) < SOME * rules.evidence
     for j in range(len(HORIZONS)):
-        if min(memory['marks'], memory['smooth']) > 2 * HORIZONS[j]:
+        reach = min(memory['marks'], memory['smooth'])
+        if reach > 2 * HORIZONS[j] and memory['marks'] % _each(HORIZONS[j]) == 0:
             _learn_noise(memory, j, noise_alone)
     # The filter smooths: over a longer horizon more of the noise shows, once there is a value.
     for j in range(_TELLING):
@@ -324,7 +280,7 @@ def _jumps(rules: Rules, memory: Any) -> bool:
     variance = max(memory['noise'][0], memory['moved'][0])
     variance += _found_out(memory['s'][HORIZONS[0]], memory['s'][0])
     y = memory['a'][0] - math.sqrt(memory['a'][HORIZONS[0]] ** 2 + _RICE * variance)
-    freedom = min(memory['freedom'][0], _independent(memory['seen'][0], HORIZONS[0]))
+    freedom = min(memory['freedom'][0], _independent(memory['count'][0], HORIZONS[0]))
     return bool(_student(y, variance, freedom) < -rules.evidence)
 
 
@@ -332,42 +288,70 @@ def _jumps(rules: Rules, memory: Any) -> bool:
 def _learn_noise(memory: Any, j: int, noise_alone: bool) -> None:
     """Estimate S over a horizon anew; what is noise alone is learnt as the quiet motion."""
     h = HORIZONS[j]
+    each = _each(h)
     a, s = memory['a'], memory['s']
-    square, error = memory['square'][j], memory['error'][j]
+    square, error, at = memory['square'][j], memory['error'][j], memory['at'][j]
     for k in range(square.size - 1, 0, -1):
         square[k] = square[k - 1]
         error[k] = error[k - 1]
-    memory['seen'][j] += 1
+        at[k] = at[k - 1]
     square[0] = 2.0 * (math.sqrt(a[0] * a[2 * h]) - a[h]) ** 2
     found_out = _found_out(s[h], s[0]) + _found_out(s[2 * h], s[h])
     error[0] = 0.5 * found_out
-    square, error = square[: memory['seen'][j]], error[: memory['seen'][j]]
-    recent = min(memory['seen'][j], _RECENT * h)
-    first = memory['seen'][j] <= _FIRST * h
+    at[0] = memory['speed']
+    near = _near(at, memory['speed'])
+    memory['count'][j] = count = each * near.sum()
+    now = near[: _RECENT * h // each]
+    last, off = square[: now.size], error[: now.size]
+    first = count <= _FIRST * h
     if first:
-        quiet = np.median(square[:recent]) / _MEDIAN
+        quiet = _median(last, now) / _MEDIAN
         for _ in range(4):  # the error of the tracker is part of it: solved for the rest
             if quiet > 0.0:
-                quiet *= np.median((square / (quiet + error))[:recent]) / _MEDIAN
+                quiet *= _median(last / (quiet + off), now) / _MEDIAN
         # What was noise alone over a horizon is not raised by what is not, a kick above all. What
         # dies out smoothly from the start shows too little of the noise: it is no such value.
-        memory['alone'][j] += noise_alone and memory['quiet'][j] > 0.0
+        memory['alone'][j] += each * (noise_alone and memory['quiet'][j] > 0.0)
         if noise_alone or memory['alone'][j] < h or quiet < memory['quiet'][j]:
             memory['quiet'][j] = quiet
     base = memory['quiet'][j] + (_WANDER * a[0]) ** 2
     if not base > 0.0:
         memory['noise'][j] = 0.0
         return
-    ratio = np.median((square / (base + error))[:recent]) / _MEDIAN
+    ratio = _median(last / (base + off), now) / _MEDIAN
     if noise_alone and not first:
-        memory['quiet'][j] *= 1.0 + (min(ratio, 4.0) - 1.0) / _MEMORY
-    weight = recent / h
+        memory['quiet'][j] *= 1.0 + (min(ratio, 4.0) - 1.0) * each / _MEMORY
+    weight = each * now.sum() / h
     memory['noise'][j] = base * (_PRIOR + weight * ratio) / (_PRIOR + weight)
     memory['freedom'][j] = _PRIOR + weight
-    share = memory['noise'][j] / (memory['noise'][j] + error)
+    share = near * (memory['noise'][j] / (memory['noise'][j] + error)) ** 2
     usual = np.minimum(square, _RARE * (memory['noise'][j] + error))
-    memory['known'][j] = np.sum(share**2)
-    memory['moved'][j] = np.sum(share**2 * usual) / max(memory['known'][j], 1e-300)
+    memory['known'][j] = each * np.sum(share)
+    memory['moved'][j] = np.sum(share * usual) / max(np.sum(share), 1e-300)
+
+
+@compiled_part
+def _each(h: int) -> int:
+    """Return of how many increments over h marks one is taken: the others differ little."""
+    return max(h // HORIZONS[_TELLING - 1], 1)
+
+
+@compiled_part
+def _near(at: Any, v: float) -> Any:
+    """Return how much increments at speeds, m/s, tell of the noise at another one, v."""
+    return 1.0 / (1.0 + ((at - v) / (_ANOTHER_SPEED * v + _STANDSTILL)) ** 2) ** 2
+
+
+@compiled_part
+def _median(values: Any, weights: Any) -> float:
+    """Return the weighted median."""
+    order = np.argsort(values)
+    left = 0.5 * weights.sum()
+    for k in order:
+        left -= weights[k]
+        if left <= 0.0:
+            return float(values[k])
+    return 0.0
 
 
 @compiled_part

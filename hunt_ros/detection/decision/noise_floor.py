@@ -1,10 +1,10 @@
 """
 The noise floor: the amplitude that counts as quiet, and how hard noise drives it.
 
-The *floor* is learnt on what may be noise alone by its `likelihood.excess`, and neither while the
-wheelset hunts nor while the amplitude seems to grow. The *intensity* D is that of the steps of
-the quiet amplitude, dA = ... + sqrt(2 D) dW: S = 2 D T. Called by the kernel of the decisions,
-row by row.
+The *floor* is learnt on what may be noise alone by its `likelihood.excess`, neither in hunting nor
+while the amplitude seems to grow, and as fast at another speed as at first. The *intensity* D is
+that of the steps of the quiet amplitude, dA = ... + sqrt(2 D) dW: S = 2 D T. Called by the kernel
+of the decisions, row by row.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def learn(rules: Rules, memory: Any, ratios: Any, a: float, basin: bool = True) 
     limit = _LOUD * memory['square']
     quiet = a * a <= limit
     if not (a * a > memory['square'] and (not basin or ratios['growth'] > some)):
-        memory['learnt'] += 1.0
+        memory['learnt'] = min(memory['learnt'], likelihood.rows_near(rules, ratios)) + 1.0
         weight = max(1.0 / memory['learnt'], rules.stride / _FLOOR_S)
         memory['square'] += weight * (min(a * a, limit) - memory['square'])
     if quiet:
@@ -90,10 +90,3 @@ def amplitude_of(memory: Any, ratios: Any, s: float) -> float:
     elif likelihood.settled(ratios):
         floor = _STD_FLOORS * s
     return floor if floor > 0.0 else math.nan
-
-
-@compiled_part
-def forget(memory: Any) -> None:
-    """Forget a floor that was learnt at another speed."""
-    memory['square'] = math.nan
-    memory['learnt'] = memory['rows'] = memory['least'] = 0.0

@@ -69,7 +69,7 @@ def test_what_the_form_calls_escaping_neither_begins_nor_raises_the_floor() -> N
 
     def learn(amplitude: np.ndarray, basin: bool) -> float:
         for a in amplitude:
-            likelihood.watch(RULES, memory['ratios'], a, 1e-6, math.nan, False)
+            likelihood.watch(RULES, memory['ratios'], 7.0, a, 1e-6, math.nan, False)
             noise_floor.observe(RULES, memory['floor'], a)
             noise_floor.learn(RULES, memory['floor'], memory['ratios'], a, basin)
         return float(noise_floor.amplitude_of(memory['floor'], memory['ratios'], 1e-6))

@@ -50,11 +50,11 @@ def test_a_kick_that_dies_out_soon_after_a_change_of_speed_is_none(ratio) -> Non
     assert false <= at_most(0.05, SEEDS)
 
 
-def test_a_kick_before_the_noise_of_another_speed_is_learnt_is_judged_by_that_of_before() -> None:
+@pytest.mark.parametrize('after_s', [1.0, 2.0, 3.0, 6.0])
+def test_a_kick_soon_after_a_change_of_speed_is_said_soon(after_s) -> None:
     late = 0
     for ratio in (0.88, 1.3):
-        for after_s in (1.0, 2.0):
-            for seed in range(SEEDS):
-                hunts = said(seed, ratio, after_s, 40.0, 0.0, 2.0)
-                late += not np.any((hunts > 0.0) & (hunts < 3.0))
-    assert late <= at_most(0.03, 4 * SEEDS)
+        for seed in range(SEEDS):
+            hunts = said(seed, ratio, after_s, 40.0, 0.0, 2.0)
+            late += not np.any((hunts > 0.0) & (hunts < 3.0))
+    assert late <= at_most(0.05, 2 * SEEDS)

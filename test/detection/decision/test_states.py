@@ -26,7 +26,7 @@ class Machine:
         self.memory['state']['reference'] = CYCLE
         self.memory['floor']['square'] = FLOOR**2
         self.memory['floor']['learnt'] = 1e4
-        self.memory['ratios']['seen'] = 1000
+        self.memory['ratios']['count'] = 1000
         self.memory['ratios']['noise'] = FLOOR**2
 
     def feed(
