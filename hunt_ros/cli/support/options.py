@@ -17,7 +17,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from hunt_ros.errors import ConfigError
+from hunt_ros.errors import ConfigError, HuntError
 from hunt_ros.settings import Settings
 
 if TYPE_CHECKING:
@@ -133,10 +133,7 @@ def new_folder(text: str) -> Path:
     if not path.name or path.exists():
         why = ', which exists already' if path.name else ''
         raise argparse.ArgumentTypeError(f'expected the name of a new folder, got {text!r}{why}')
-    try:
-        refuse_place(path, 'the recording')
-    except ConfigError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
+    refuse_place(path, 'the recording')
     return path
 
 
@@ -211,12 +208,12 @@ def refuse_place(folder: Path, what: str) -> None:
 
     Raises
     ------
-    ConfigError
+    HuntError
         Naming it.
     """
     place = place_of(folder)
     if not place.is_dir() or not os.access(place, os.W_OK):
-        raise ConfigError(f'{folder}: cannot write {what} there')
+        raise HuntError(f'{folder}: cannot write {what} there')
 
 
 def channels_of(
