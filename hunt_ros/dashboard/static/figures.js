@@ -265,7 +265,8 @@ function drawLines(plot) {
     ctx.lineTo(x, bbox.top + bbox.height);
     ctx.stroke();
     ctx.save();
-    ctx.translate(x - 2 * devicePixelRatio, bbox.top + 2 + down);
+    // Left of its line; where the roller hardly turns, right of it: the numbers of the axis are there.
+    ctx.translate(x + (x < bbox.left + rem * devicePixelRatio ? 0.95 * rem : -2) * devicePixelRatio, bbox.top + 2 + down);
     ctx.rotate(-Math.PI / 2);
     ctx.fillStyle = palette.ink;
     ctx.fillText(line.name, 0, 0);
