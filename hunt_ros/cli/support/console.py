@@ -221,7 +221,7 @@ class Keys:
             import termios
 
             with suppress(OSError, termios.error):  # the terminal is gone
-                termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
+                termios.tcsetattr(sys.stdin, termios.TCSANOW, self._before)
             self._before = None
 
     def pressed(self) -> str:

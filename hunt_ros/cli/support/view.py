@@ -73,15 +73,10 @@ class View:
         return self
 
     def __exit__(self, *error: object) -> None:
-        live, self._live = self._live, None
-        if live is None:
-            return
-        self._ended.set()
-        self._drawer.join(_STUCK_S)
-        if not self._drawer.is_alive():
-            with suppress(OSError):  # the terminal is gone
-                live.stop()
-                self._print_waiting()
+        if self._live is not None:
+            self._ended.set()
+            self._drawer.join(_STUCK_S)
+            self._live = None
 
     def _draw(self, live: Live) -> None:
         """Print what waits and draw the rig, until the end."""
@@ -89,6 +84,8 @@ class View:
             while not self._ended.wait(_DRAWN_S):
                 self._print_waiting()
                 live.refresh()
+            live.stop()
+            self._print_waiting()
 
     def _print_waiting(self) -> None:
         while self._waiting:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import io
 import os
+import threading
+import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from hunt_ros.cli.support import console as module
 from hunt_ros.cli.support.console import Console
+from hunt_ros.cli.support.view import View
 from hunt_ros.services import KEYS
 from hunt_ros.suite import LISTENERS, SOURCES
 
@@ -121,3 +125,37 @@ def test_the_keys_stand_in_the_page_of_the_terminal() -> None:
     page = (Path(__file__).parents[3] / 'docs/terminal.md').read_text(encoding='utf-8')
     for key, word in KEYS.items():
         assert f'`{"space" if key == " " else key}` {word}' in page
+
+
+def test_a_terminal_that_takes_nothing_holds_up_no_end(monkeypatch) -> None:
+    ours, theirs = os.openpty()
+    ended = False
+    with (
+        suppress(OSError),  # of a terminal that is gone
+        os.fdopen(theirs, 'r') as stdin,
+        open(os.dup(theirs), 'w') as stdout,
+    ):
+        monkeypatch.setattr('sys.stdin', stdin)
+        monkeypatch.setattr('sys.stdout', stdout)
+        monkeypatch.setenv('TERM', 'xterm')
+        view, keys = View().__enter__(), module.Keys().__enter__()
+        fills = os.open(os.ttyname(theirs), os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK)
+        with suppress(BlockingIOError):
+            while True:
+                os.write(fills, b' ' * 1024)
+        os.close(fills)
+        view.say('ending every node')
+        time.sleep(0.5)  # it is being printed
+
+        def end() -> None:
+            """End as a run does."""
+            keys.__exit__()
+            view.__exit__()
+
+        ending = threading.Thread(target=end, daemon=True)
+        ending.start()
+        ending.join(30.0)
+        ended = not ending.is_alive()
+        os.close(ours)  # lets go of whoever waits
+        ending.join(30.0)
+    assert ended
