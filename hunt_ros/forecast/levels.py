@@ -29,11 +29,6 @@ STUCK = 1e-9
 #: A block whose rms exceeds this many times the level's median was disturbed.
 DISTURBED = 4.0
 
-#: A level this many times the rms of one within NEIGHBOUR of its speed is not quiet: the
-#: quiet response grows with speed, but not by a factor between neighbours.
-HUNTING = 8.0
-NEIGHBOUR = 0.1
-
 #: Levels that are kept; beyond, the shorter of two at nearly the same speed goes.
 MOST_LEVELS = 60
 
@@ -69,8 +64,6 @@ class SpeedLevel:
         Power response of the averaging into cells.
     floor : float
         White level above the band, m^2 s; 0 for a sensor that is stuck.
-    rms : float
-        Of the response in the band, m.
     """
 
     speed: float
@@ -80,7 +73,6 @@ class SpeedLevel:
     weight: NDArray[np.float64]
     gain: NDArray[np.float64]
     floor: float
-    rms: float
 
     def merged(self, other: SpeedLevel) -> SpeedLevel:
         """Return the average with a level of the same length at (nearly) the same speed."""
@@ -95,7 +87,6 @@ class SpeedLevel:
             weight,
             self.gain,
             self.floor + share * (other.floor - self.floor),
-            math.sqrt(self.rms**2 + share * (other.rms**2 - self.rms**2)),
         )
 
 
@@ -227,10 +218,7 @@ class QuietLevels:
         if not blocks:
             return None
         level = self._spectrum(np.concatenate(blocks))
-        neighbour = self._neighbour(level)
-        loud = neighbour is not None and level.rms > HUNTING * neighbour.rms
-        # A stuck sensor has no noise at all.
-        return level if level.floor > 0.0 and not loud else None
+        return level if level.floor > 0.0 else None  # a stuck sensor has no noise at all
 
     def _spectrum(self, cells: NDArray[np.float64]) -> SpeedLevel:
         """
@@ -283,7 +271,6 @@ class QuietLevels:
             floor=0.0
             if stuck
             else float(np.median(power[above & (weight > 0.0)])) / math.log(2.0),
-            rms=math.sqrt(2.0 / duration * float((power * weight)[inside].sum())),
         )
 
     def _take_block(self, block: NDArray[np.float64]) -> None:
@@ -318,9 +305,6 @@ class QuietLevels:
         self._skip = 0
         if level is None:
             return
-        neighbour = self._neighbour(level)
-        if neighbour is not None and level.rms * HUNTING < neighbour.rms:
-            self.levels.remove(neighbour)  # it was not quiet, as shows only now
         self.closed_s += level.duration_s
         for k, other in enumerate(self.levels):
             near = abs(other.speed - level.speed) <= 0.5 * TOLERANCE * level.speed
@@ -338,11 +322,6 @@ class QuietLevels:
         k = int(np.argmin(steps))
         first, second = self.levels[k : k + 2]
         del self.levels[k if first.duration_s < second.duration_s else k + 1]
-
-    def _neighbour(self, level: SpeedLevel) -> SpeedLevel | None:
-        """Return the level of the nearest speed, if there is one near."""
-        near = [x for x in self.levels if abs(x.speed - level.speed) < NEIGHBOUR * level.speed]
-        return min(near, key=lambda other: abs(other.speed - level.speed), default=None)
 
     def _quiet_blocks(self) -> list[NDArray[np.float64]]:
         """Return the longest run of blocks without a disturbance."""
