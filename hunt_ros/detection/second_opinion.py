@@ -229,7 +229,8 @@ def _look_for_lines(
     if math.isfinite(third):
         state[7] += (third * third / 20.0 - state[7]) / period
     state[8] += (value * value - state[8]) / seen
-    known = state[0] >= memory and state[6] > _MADE_UP * state[8]
+    # The motion at the start is in the phasors, too, and has died out of them by then.
+    known = state[0] >= 2.0 * memory and state[6] > _MADE_UP * state[8]
     known &= state[5] < _WHITE * state[7]
     if math.isfinite(turning):
         state[9] += (turning - state[9]) / seen

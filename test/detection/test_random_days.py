@@ -11,6 +11,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / 'benchmark'))
 from bench_day import Marks, lived, truth
 from day_rigs import KINDS, random_day
 
+from hunt_ros.detection import health
+
 
 def test_a_day_is_that_of_its_seed() -> None:
     first, again = random_day(5), random_day(5)
@@ -42,3 +44,8 @@ def test_a_line_at_the_hunting_frequency_is_no_hunting(seed: int) -> None:
 
 def test_a_cycle_that_shrinks_with_the_speed_does_not_die_out() -> None:
     assert lived(random_day(249))[0].flips == 0
+
+
+def test_motion_that_dies_out_after_the_start_is_no_sensor_that_is_lost() -> None:
+    _, output = lived(random_day(6032))  # it was said to be at 3.5 s, for 0.9 s
+    assert not (output.estimates['lateral_wrong'] & health.LOST).any()
