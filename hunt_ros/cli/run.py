@@ -34,6 +34,8 @@ from hunt_ros.suite import (
 EXAMPLE = 'hunt run --simulated --normal-form bags/paper.yaml --duration 60'
 
 _LOOK_S = 1.0
+#: DDS gives a domain its ports, and there are no more.
+_LAST_DOMAIN = 232
 #: Up through v_n and v_c of the built-in rig and back: that of config/rig.yaml.
 SWEEP = """
 name: up and down
@@ -133,11 +135,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _refuse_second(namespace: str, names: Sequence[str]) -> None:
     """Start nothing beside nodes of these names: the rig would take it for a second master."""
-    told = os.environ.get('ROS_DOMAIN_ID', '')
-    domain = int(told) if told.isdecimal() else 0
+    told = os.environ.get('ROS_DOMAIN_ID', '') or '0'
+    if not told.isdecimal() or int(told) > _LAST_DOMAIN:
+        raise ConfigError(f'ROS_DOMAIN_ID={told}, expected 0 to {_LAST_DOMAIN}')
     for name in names if sys.platform == 'linux' else ():
         try:
-            hold(f'/{namespace.strip("/")}/{name}', domain).close()
+            hold(f'/{namespace.strip("/")}/{name}', int(told)).close()
         except OSError as error:
             raise ConfigError(f'{error}: choose another --namespace or ROS_DOMAIN_ID') from error
 

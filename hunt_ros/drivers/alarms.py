@@ -116,7 +116,8 @@ class Shelved(Settings):
         try:
             asked = cls(code, now_s, float(minutes), reason.replace(';', ','))
         except ValueError as error:  # which a ConfigError is, too
-            raise ConfigError(f'{words!r}: expected CODE MINUTES REASON ({error})') from error
+            why = f' ({error})' if isinstance(error, ConfigError) else ''
+            raise ConfigError(f'{words!r}: expected CODE MINUTES REASON{why}') from error
         if asked.minutes and not reason:
             raise ConfigError(f'{words!r}: expected a reason behind the minutes')
         return replace(asked, until_s=now_s + 60.0 * asked.minutes)

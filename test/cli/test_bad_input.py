@@ -214,6 +214,14 @@ def test_what_cannot_be_meant_is_refused(refused, command, part) -> None:
     assert part in refused(command)
 
 
+@pytest.mark.parametrize('domain', ['233', '-1', 'rig'])
+def test_a_domain_that_dds_does_not_have_is_refused_before_anything_starts(
+    refused, monkeypatch, domain
+) -> None:
+    monkeypatch.setenv('ROS_DOMAIN_ID', domain)
+    assert f'ROS_DOMAIN_ID={domain}' in refused('run --simulated --directory FOLDER')
+
+
 @pytest.mark.parametrize('words', ['hover', '', 'replay x --speed 7', 'replay x --fres'])
 def test_words_that_are_none_of_the_program_are_one_line(capsys, words) -> None:
     """An option may not be abbreviated: the letters would mean another as soon as it is added."""

@@ -89,7 +89,7 @@ def test_an_alarm_of_the_detector_is_shelved_for_a_time_with_a_reason(code) -> N
         ('speed 5 why', 'no alarm'),
         ('CHANNEL_stuck 5 why', 'no alarm'),
         ('limit_cycle 5', 'expected a reason'),
-        ('limit_cycle', 'CODE MINUTES REASON'),
+        ('limit_cycle', 'CODE MINUTES REASON$'),
         ('limit_cycle soon why', 'CODE MINUTES REASON'),
         ('limit_cycle 481 why', 'above 480'),
         ('limit_cycle -1 why', 'below 0'),
