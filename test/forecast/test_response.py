@@ -22,7 +22,7 @@ def flat_levels(speeds, duration=60.0, bins=None):
     bins = np.arange(math.ceil(0.8 * duration), 8.0 * duration) if bins is None else bins
     omega = 2.0 * np.pi * bins / duration
     ones = np.ones(omega.size)
-    return [SpeedLevel(speed, duration, omega, ones, ones, ones, 5e-14, 1e-5) for speed in speeds]
+    return [SpeedLevel(speed, duration, omega, ones, ones, ones, 5e-14) for speed in speeds]
 
 
 def test_the_expected_periodogram_is_the_fourier_transform_of_the_windowed_covariance():
