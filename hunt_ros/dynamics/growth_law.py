@@ -323,7 +323,7 @@ class GrowthLaw:
         size = self.scales.amplitude
         return size * _root(unstable), size * _root(stable)
 
-    def folds(self, lowest: float) -> Array:
+    def folds(self, lowest: float, both: float = math.nan) -> Array:
         """
         Nonlinear critical speeds, where the pairs of limit cycles end, and the amplitudes there.
 
@@ -331,6 +331,9 @@ class GrowthLaw:
         ----------
         lowest : float
             Speed below which none is looked for, m/s.
+        both : float, optional
+            Speed at which there is such a pair, m/s: that below which one is looked for where
+            a law has no v_c.
 
         Returns
         -------
@@ -339,6 +342,7 @@ class GrowthLaw:
         """
         many = GrowthLaw(np.atleast_2d(self.p), self.scales)
         v_c = many.critical_speeds
+        v_c = np.where(np.isfinite(v_c), v_c, both)
         # Closest next to v_c: a hysteresis may be narrow.
         share = 1.0 - np.linspace(1.0, 0.0, 121)[:-1] ** 3
         speeds = lowest + np.maximum(v_c - lowest, 0.0)[:, None] * share

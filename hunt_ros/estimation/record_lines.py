@@ -48,6 +48,10 @@ _FASTER, _SAME_SIZE = 0.1, 0.02
 #: frequency follows the speed, as that of wheelsets does: no wheel that turns has a line that
 #: grows so.
 _GROWS = 10.0
+#: What turns goes on at its pace: over so many periods, at which the window has forgotten noise to
+#: e^-1, the phase of a line advances alike. The mean resultant length of these steps is 1, for
+#: motion that noise drives 0.3.
+_PACE, _EVEN = 2.0 * WINDOW, 0.7
 #: Kinds of the power of a line.
 _MEAN, _CHANGING, _LASTING = range(3)
 
@@ -128,6 +132,17 @@ class _Side:
         lines = [motion.line(line, width) for motion in self.motions]
         phasor, speed = (np.concatenate([np.zeros(0), *(one[k] for one in lines)]) for k in (2, 3))
         return np.abs(phasor), speed
+
+    def evenness(self, line: float) -> float:
+        """Return the mean resultant length of the steps of a line's phase, 0 to 1."""
+        even, count = 0.0, 0
+        for motion in self.motions:
+            _, step, phasor, _ = motion.line(line)
+            lag = max(round(_PACE / (line * step)), 1)
+            angle = np.angle(phasor[lag:] * np.conj(phasor[:-lag]))
+            angle = angle[np.isfinite(angle)]
+            even, count = even + abs(complex(np.exp(1j * angle).sum())), count + angle.size
+        return even / max(count, 1)
 
     def take_out(self, known: list[float], width_of: Callable[[float, float], float]) -> bool:
         """
@@ -295,14 +310,15 @@ class RecordLines:
         Return True if a line, cycles a metre, is of something that turns.
 
         It is seen at speeds between which it must move, and is no hunting of the kinematic
-        wavelength (Klingel, 1883), which grows out of the quiet motion and dies out again.
+        wavelength (Klingel, 1883): at rest noise drives that at no pace, and it grows out of the
+        quiet motion and dies out again.
         """
         if self._is_known(order):
             return True
         amplitude, speed = side.amplitudes(order)
         known = np.isfinite(amplitude) & np.isfinite(speed)
         weight = amplitude[known] ** 2
-        if not weight.sum() > 0.0:
+        if not weight.sum() > 0.0 or side.evenness(order) < _EVEN:
             return False
         low, high = np.quantile(amplitude[known], [_WEAKER, 1.0 - _WEAKER])
         if high > _GROWS * low:

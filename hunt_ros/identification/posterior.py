@@ -82,6 +82,9 @@ class Posterior:
         Lowest and highest speed of the data, m/s.
     prior_v_c : float, optional
         What is known of v_c from elsewhere, m/s.
+    both : float, optional
+        Speed at which rest and a limit cycle were seen, m/s: v_n is below it, also of laws that
+        have no v_c.
     """
 
     law: GrowthLaw
@@ -89,6 +92,7 @@ class Posterior:
     intensity: Array
     speeds: tuple[float, float]
     prior_v_c: float | None = None
+    both: float = math.nan
 
     @cached_property
     def laws(self) -> GrowthLaw:
@@ -131,7 +135,8 @@ class Posterior:
             for form in self.forms
         ]
         coefficients = np.array(rows).reshape(-1, len(COEFFICIENTS))
-        v_c, (v_n, amplitude) = self.laws.critical_speeds, self.laws.folds(self.reach[0])
+        v_c = self.laws.critical_speeds
+        v_n, amplitude = self.laws.folds(self.reach[0], self.both)
         near = self._within(v_n)
         amplitude = np.where(np.isfinite(near), amplitude, math.nan)
         return np.column_stack([self._within(v_c), near, amplitude, coefficients])

@@ -57,6 +57,23 @@ def test_hunting_of_the_kinematic_wavelength_is_no_forced_line(grown, forced) ->
     assert [line.turns_per_metre for line in lines] == pytest.approx([0.42] * forced, rel=0.01)
 
 
+@pytest.mark.parametrize('seed', range(4))
+def test_rest_of_the_kinematic_wavelength_is_no_forced_line(seed) -> None:
+    """Noise drives it: its frequency follows the speed, and its phase wanders."""
+    rng = np.random.default_rng(seed)
+    count = 24_000
+    speed = np.linspace(5.5, 7.0, count)
+    turn = np.exp((-0.1 + 1.0j) * 2.0 * np.pi * 0.35 * speed * 0.01)
+    noise = rng.normal(size=(count, 2)) @ (1.0, 1.0j)
+    phasor = np.empty(count, dtype=complex)
+    phasor[0] = 0.0
+    for k in range(1, count):
+        phasor[k] = turn[k] * phasor[k - 1] + noise[k]
+    lateral = 4e-7 * phasor.real + 1e-7 * rng.normal(size=count)
+    record = record_of(np.arange(1, count + 1) / 100.0, lateral=lateral, speed=speed)
+    assert RecordLines([motion_of(record)]).forced() == []
+
+
 def test_a_record_whose_clock_was_set_ahead_by_years_is_no_motion() -> None:
     seconds = np.arange(6000) / 100.0 + np.where(np.arange(6000) < 3000, 0.0, 1.6e9)
     record = record_of(seconds, lateral=1e-4 * np.cos(2.0 * np.pi * 2.8 * seconds))

@@ -180,6 +180,7 @@ def conclude(
         _intensity(best, len(drawn), settings.seed),
         evidence.speeds,
         settings.prior_v_c[0] if settings.prior_v_c else None,
+        max(evidence.bracket.coexistence or (math.nan,)),
     )
     failed |= _unsupported(best, posterior, evidence, settings, warnings)
     why = {
@@ -361,7 +362,7 @@ def _unsupported(
         failed['time'] = 'no free transient: D1 cannot be known; give it with --prior-D1'
     elif hunts and not moved:
         warnings.append('no free transient: the time scale rests on the prior or on quiet motion')
-    soft = posterior.supercritical
+    soft = 0.0 if evidence.bracket.coexistence else posterior.supercritical
     if not hunts:
         failed['passage'] = (
             'all amplitudes are of one kind: no passage between quiet and hunting, so that the'

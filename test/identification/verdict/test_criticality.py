@@ -73,6 +73,25 @@ def test_rest_and_a_limit_cycle_at_one_speed_leave_no_probability(make):
     assert found.hysteresis_below is None
 
 
+def test_where_rest_and_a_limit_cycle_were_seen_v_n_needs_no_critical_speed(make):
+    """Kicks that die, one that stays, and down until the limit cycle ends: nothing near v_c."""
+    speeds, hold = [5.8, 6.2, 6.6, 7.2, 7.6, 7.2, 6.8, 6.5, 6.2], 40.0
+    times = np.array([(k * hold, (k + 0.95) * hold) for k in range(len(speeds))]).ravel()
+    along = np.repeat(speeds, 2)
+    kicks = [(at, 6e-4) for at in (20.0, 60.0, 140.0)]
+    found = [
+        identify(
+            [make(lambda t: np.interp(t, times, along), 358.0, seed, forcing=4e-6, kicks=kicks)]
+        )
+        for seed in range(3)
+    ]
+    assert all(one.bracket.coexistence and one.v_c is None for one in found)
+    v_n = PAPER_NORMAL_FORM.saddle_node()[0]
+    given = [one.v_n for one in found if one.v_n is not None]
+    assert len(given) >= 2
+    assert all(one.low < v_n < one.high and one.std < 0.05 for one in given)
+
+
 def test_motion_of_one_kind_says_nothing_of_the_onset(make):
     found = identify([make(lambda t: 6.0 + t / 200.0, 200.0, 1, forcing=4e-6)])
     assert found.supercritical_probability is None
