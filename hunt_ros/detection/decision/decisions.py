@@ -184,7 +184,7 @@ def _learn(
     rules: Rules, form: FormNumbers, m: Any, a: float, s: float, predictable: bool, out: Any
 ) -> None:
     """Learn from a row what is quiet, and what its amplitude does."""
-    v, over = out['speed'], m['state']['hunting']['word'] in (states.NO, states.DECAYING)
+    v, word = out['speed'], m['state']['hunting']['word']
     if math.isnan(a):
         likelihood.interrupt(m['ratios'])
     else:
@@ -193,12 +193,12 @@ def _learn(
         spread = math.hypot(s, 0.5 * out['step'])
         likelihood.watch(rules, m['ratios'], v, a, spread, drift, line)
         noise_floor.observe(rules, m['floor'], a)
-        if over:
+        if word in (states.NO, states.DECAYING):
             # By the form, what grows from here is hunting that begins.
             sure = rules.probability_in
             beyond = out['escape_probability'] > sure
             beyond |= predictable and m['outlook']['quiet'] < 1.0 - sure
-            noise_floor.learn(rules, m['floor'], m['ratios'], a, not beyond)
+            noise_floor.learn(rules, m['floor'], m['ratios'], a, not beyond, word != states.NO)
     out['noise_floor'] = noise_floor.amplitude_of(m['floor'], m['ratios'], s)
     out['noise_intensity'] = m['floor']['intensity']
 

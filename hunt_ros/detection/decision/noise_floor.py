@@ -47,13 +47,13 @@ def observe(rules: Rules, memory: Any, a: float) -> None:
 
 
 @compiled_part
-def learn(rules: Rules, memory: Any, ratios: Any, a: float, basin: bool = True) -> None:
+def learn(rules: Rules, memory: Any, ratios: Any, a: float, basin: bool, dying: bool) -> None:
     """
     Learn floor and intensity from a row that is not hunting: amplitude, m.
 
     Without a quiet `basin` at this speed, by the form, what grows is hunting that begins: the
     floor neither begins nor rises on it. It begins with the least that was seen: what hunts just
-    when the noise is known is not the noise.
+    when the noise is known is not the noise. While hunting is `dying` out it follows slowly.
     """
     some = likelihood.SOME * rules.evidence
     if not likelihood.settled(ratios) or likelihood.excess(rules, ratios) > some:
@@ -70,7 +70,7 @@ def learn(rules: Rules, memory: Any, ratios: Any, a: float, basin: bool = True) 
     quiet = a * a <= limit
     if not (a * a > memory['square'] and (not basin or ratios['growth'] > some)):
         memory['learnt'] = min(memory['learnt'], likelihood.rows_near(rules, ratios)) + 1.0
-        weight = max(1.0 / memory['learnt'], rules.stride / _FLOOR_S)
+        weight = max(0.0 if dying else 1.0 / memory['learnt'], rules.stride / _FLOOR_S)
         memory['square'] += weight * (min(a * a, limit) - memory['square'])
     if quiet:
         memory['intensity'], memory['spread'] = likelihood.intensity(rules, ratios)
