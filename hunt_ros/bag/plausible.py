@@ -10,6 +10,8 @@ from hunt_ros.sensors import SENSORS
 
 #: A motion is looked at so long, s, and over so many values at least.
 _WINDOW_S, _FEWEST = 1.0, 50
+#: A step of the roller that is so near to a turn is a wrap, rad.
+_NEAR_TURN = 0.1
 #: Largest usual value of a channel, its unit, and a factor that makes SI of the unit it may have
 #: been recorded in.
 LARGEST: dict[str, tuple[float, str, str]] = {
@@ -39,12 +41,15 @@ def wrong_unit(channel: str, series: Series) -> str:
         return ''
     most, unit, factor = LARGEST[channel]
     span_s = float(np.ptp(series.stamps_ns[finite])) / NANOSECONDS
+    count = min(max(1, round(span_s / _WINDOW_S)), max(1, values.size // _FEWEST))
     if channel == 'speed':
         usual = float(np.median(np.abs(values)))
     elif channel == 'roller':
-        usual = float(np.abs(np.diff(values)).sum()) / max(span_s, _WINDOW_S)
+        steps = np.abs(np.diff(values))
+        steps[np.abs(steps - 2.0 * np.pi) < _NEAR_TURN] = 0.0  # it may wrap, also where it stands
+        ways = [float(part.sum()) for part in np.array_split(steps, count)]
+        usual = float(np.median(ways)) * count / max(span_s, _WINDOW_S)
     else:  # it may have any offset
-        count = min(max(1, round(span_s / _WINDOW_S)), max(1, values.size // _FEWEST))
         parts = np.array_split(values, count)
         usual = max(float(np.median(np.abs(part - np.median(part)))) for part in parts)
     if usual <= most:

@@ -10,7 +10,9 @@ import pytest
 from made import record_of
 
 from hunt_ros.bag import write_record
+from hunt_ros.bag.plausible import wrong_unit
 from hunt_ros.cli.main import main
+from hunt_ros.samples import Series
 
 #: Times of short recordings, s.
 THREE_S = 1.0 + np.arange(300) / 100.0
@@ -290,6 +292,19 @@ def test_a_roller_in_degrees_is_not_taken_for_one_in_radians(refused, tmp_path, 
     bag = write_record(tmp_path / 'degrees', record)
     assert 'roller is beyond' in refused('replay FILE', FILE=bag)
     assert main(['replay', str(bag), '--channel', 'roller=/rig/roller*0.0174533']) == 0
+
+
+@pytest.mark.parametrize('what', ['turns', 'stands where it wraps', 'error code', 'set to zero'])
+def test_a_roller_in_radians_is_not_taken_for_one_in_degrees(what) -> None:
+    angle = 20.0 * np.arange(10_000) / 1000.0
+    if what == 'stands where it wraps':
+        angle = 1e-3 * np.random.default_rng(0).normal(size=10_000)
+    angle %= 2.0 * np.pi
+    if what == 'error code':
+        angle[[100, 5000]] = 1e6
+    if what == 'set to zero':
+        angle[:5000] += 1e6
+    assert wrong_unit('roller', Series(10**6 * np.arange(10_000), angle)) == ''
 
 
 def test_a_unit_that_nobody_told_is_said_to_be_assumed(tmp_path, capsys) -> None:

@@ -239,7 +239,7 @@ def _plain(unit: str) -> str:
     """Return a unit as names end in it: `km/h` and `kmh`, `m/s^2` and `mps2`."""
     text = unit.strip().replace('\u00b0', 'deg').replace('\u00b5', 'u').replace('\u03bc', 'u')
     text = text.replace('^', '').replace('\u00b2', '2').replace('km/h', 'kmh')
-    return re.sub(r'\bsec\b', 's', text).replace('/', 'p')
+    return re.sub(r'(?<![a-z])([mun]?)sec(?![a-z])', r'\1s', text).replace('/', 'p')
 
 
 def _key(name: str) -> str:
@@ -249,9 +249,11 @@ def _key(name: str) -> str:
 
 def _check_unit(table: Table, channel: str, source: ChannelSource) -> None:
     """Refuse a column that is taken as it is, and is not in SI by what the file says."""
+    if source.scale != 1.0:  # who gives a factor knows the unit
+        return
     unit = _told_unit(table, channel, source.source)
     factor = UNITS[channel].get(unit)
-    if not unit or source.scale != 1.0 or factor == 1.0:
+    if not unit or factor == 1.0:
         return
     known = '' if factor else f' ({", ".join(UNITS[channel])} are known)'
     raise BagError(
@@ -300,7 +302,7 @@ def _named(table: Table, given: Mapping[str, ChannelSource]) -> dict[str, Channe
             expected = ', '.join(f'{channel}_{unit}' for unit in units)
             raise BagError(
                 f'column {names[0]}: unknown unit of {channel}, expected {expected}, or'
-                f' --channel {channel}=...'
+                f' --channel {channel}=...; beside any --channel it is passed over'
             )
         if len(known) > 1:
             raise BagError(

@@ -247,6 +247,7 @@ def test_a_pickle_is_never_opened(tmp_path: Path) -> None:
         't,lateral,speed\n[s],[mm],[km/h]\n0,1,36\n0.5,2,72\n',
         't;lateral;speed\ns;mm;km/h\n0;1;36\n0,5;2;72\n',
         'Time [ms],Lateral [mm],Speed [km/h]\n0,1,36\n500,2,72\n',
+        'time [msec],lateral [mm],speed [m/sec]\n0,1,10\n500,2,20\n',
         't (s),lateral (mm),speed (km/h)\n0,1,36\n0.5,2,72\n',
         't, s;lateral, mm;speed, km/h\n0;1;36\n0,5;2;72\n',
         'Made by,a logger\nrate,2\n\nt,lateral,speed\ns,mm,km/h\n0,1,36\n0.5,2,72\n',
@@ -384,6 +385,13 @@ def test_units_in_names_are_told_by_every_format(tmp_path: Path) -> None:
     np.testing.assert_allclose(record['lateral'].values, 1e-3 * np.arange(4))
     np.testing.assert_array_equal(np.diff(record['speed'].stamps_ns), [10**6] * 3)
     assert 'units_assumed' not in record.notes
+
+
+def test_who_gives_a_factor_knows_the_unit(tmp_path: Path) -> None:
+    """The ending of a name may be no unit: M is the middle of the axle."""
+    (tmp_path / 'a.csv').write_text('t;Weg_M;speed\ns;mm;m/s\n0;1;7\n1;2;7\n')
+    record = load_record(tmp_path / 'a.csv', ['lateral=Weg_M*0.001'])
+    np.testing.assert_allclose(record['lateral'].values, [1e-3, 2e-3])
 
 
 def test_what_a_table_lacks_is_said(tmp_path: Path, capsys) -> None:
