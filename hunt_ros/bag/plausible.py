@@ -47,7 +47,7 @@ def wrong_unit(channel: str, series: Series) -> str:
     elif channel == 'roller':
         steps = np.abs(np.diff(values))
         steps[np.abs(steps - 2.0 * np.pi) < _NEAR_TURN] = 0.0  # it may wrap, also where it stands
-        ways = [float(part.sum()) for part in np.array_split(steps, count)]
+        ways = [part.sum() for part in np.array_split(steps, count)]
         usual = float(np.median(ways)) * count / max(span_s, _WINDOW_S)
     else:  # it may have any offset
         parts = np.array_split(values, count)

@@ -249,9 +249,8 @@ def _key(name: str) -> str:
 
 def _check_unit(table: Table, channel: str, source: ChannelSource) -> None:
     """Refuse a column that is taken as it is, and is not in SI by what the file says."""
-    if source.scale != 1.0:  # who gives a factor knows the unit
-        return
-    unit = _told_unit(table, channel, source.source)
+    # Who gives a factor knows the unit.
+    unit = _told_unit(table, channel, source.source) if source.scale == 1.0 else ''
     factor = UNITS[channel].get(unit)
     if not unit or factor == 1.0:
         return

@@ -203,6 +203,7 @@ def _read_csv(path: Path) -> Table:
     # Digits of a last line that does not end may be missing.
     cut = len(lines) if text and text[-1] not in '\r\n' else 0
     lines = lines[: cut - 1] if cut else lines
+    lines = [line if line.strip(' \t;,') else '' for line in lines]  # of Excel: empty cells
     told = [i for i, line in enumerate(lines[:_LOOKED_AT]) if line.strip() and line[0] not in '#%']
     if not told:
         raise BagError('has no lines of numbers')
@@ -304,8 +305,6 @@ def _columns(
 ) -> dict[str, Any]:
     """Read the numbers: all at once, or cell by cell where they are not all such."""
     places = [i for i in range(first, len(lines)) if lines[i].strip() and lines[i][0] not in '#%']
-    if not places:
-        raise BagError('has no numbers under its names')
     rows = [lines[i] for i in places]
     # Whole nanoseconds since 1970 do not fit into a float64.
     head = zip(names, _cells(rows[0], delimiter), strict=False)
