@@ -30,12 +30,12 @@ from hunt_ros.dynamics.growth_law import (
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.path_likelihood import NOISE_TERMS
+from hunt_ros.identification.likelihood.spreads import learnt
 from hunt_ros.identification.likelihood.trajectory_fit import (
     LawPrior,
     Prior,
     TrajectoryFit,
     fit_path,
-    learnt,
 )
 from hunt_ros.identification.settings import IdentificationSettings
 

@@ -13,7 +13,8 @@ from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.fit import DEPARTURES, _evidence, fit_laws, law_prior
 from hunt_ros.identification.identifying import _distinct, _path
 from hunt_ros.identification.likelihood.path import Path
-from hunt_ros.identification.likelihood.trajectory_fit import fit_path, learnt
+from hunt_ros.identification.likelihood.spreads import learnt
+from hunt_ros.identification.likelihood.trajectory_fit import fit_path
 from hunt_ros.identification.preparation import Recording, Run, runs_in
 from hunt_ros.identification.record.segments import Segment
 from hunt_ros.identification.uncertainty import (

@@ -3,7 +3,7 @@ The fit: maximum likelihood of the measured paths, by Fisher scoring.
 
 With negligible process noise it is the trajectory fit by nonlinear least squares. Recordings of
 one rig differ: each has a gain, a scale of the speed, a critical speed, forcing and noise of its
-own, whose spread is learnt from them (`learnt`). Holds at a coarse speed differ as well, by no
+own, whose spread is learnt from them (`spreads`). Holds at a coarse speed differ as well, by no
 more than its step. What is kept of them beside their values is the information that they leave on
 the law.
 """
@@ -50,17 +50,15 @@ _REACHED = 0.05
 _LOG_LOW, _LOG_HIGH = -32.0, 5.0
 #: What a recording has of its own: logarithms of its gain and of its scale of the speed, the
 #: relative shift of its critical speed, and logarithms of its forcing Q and noise R.
-_OWN = 5
+OWN = 5
 #: Spreads of these among recordings that are tried, the least of them none at all, and the scale
 #: on which a larger one is less likely beforehand.
-_SPREADS = np.array([1.0, 1.0, 1.0, 100.0, 100.0])[:, None] * np.geomspace(1e-4, 0.1, 19)
-_USUAL = np.array([0.02, 0.01, 0.01, 1.0, 1.0])
+SPREADS = np.array([1.0, 1.0, 1.0, 100.0, 100.0])[:, None] * np.geomspace(1e-4, 0.1, 19)
+USUAL = np.array([0.02, 0.01, 0.01, 1.0, 1.0])
 #: Farthest of these that a step of the fit tries: no two recordings of one rig differ by as much.
 _FARTHEST = np.array([3.0, 3.0, 3.0, 30.0, 30.0])
 #: Added to matrices of unit diagonal before they are solved.
 _RIDGE = 1e-13
-#: Rounds in which the spreads are learnt.
-_ROUNDS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,15 +151,15 @@ def as_read(theta: Array, own: Array) -> Array:
 
 def _derivatives(theta: Array, own: Array) -> Array:
     """Return those of `as_read` by theta and by what the recording has, shape (16, 16 + 4)."""
-    matrix = np.zeros((theta.size, theta.size + _OWN))
+    matrix = np.zeros((theta.size, theta.size + OWN))
     matrix[:TERMS, :TERMS] = reading(own[0], own[1])
     matrix[:TERMS, 1] -= own[2] * matrix[:TERMS, 0]
     faster = np.expm1(own[1])
     noise = np.arange(TERMS, theta.size)
     matrix[noise, noise] = 1.0 + faster, np.exp(-2.0 * own[0]), 1.0, 1.0, 1.0
     matrix[TERMS + 2, TERMS] = faster
-    for k in range(_OWN):
-        step = 1e-6 * np.eye(_OWN)[k]
+    for k in range(OWN):
+        step = 1e-6 * np.eye(OWN)[k]
         matrix[:, theta.size + k] = (
             as_read(theta, own + step) - as_read(theta, own - step)
         ) / 2e-6
@@ -188,7 +186,7 @@ class _Expansion:
 
     def reduced(self, damping: float = 0.0) -> tuple[Array, Array]:
         """Return gradient and information of the law where what the recordings have follows it."""
-        lean = _solved(self._damped(damping), self.cross.transpose(0, 2, 1))
+        lean = solved(self._damped(damping), self.cross.transpose(0, 2, 1))
         with np.errstate(over='ignore', invalid='ignore'):  # of a law that runs away
             gradient = self.gradient - np.einsum('rki,rk->i', lean, self.own_slope)
             return gradient, self.information - np.einsum('rjk,rki->ji', self.cross, lean)
@@ -196,16 +194,16 @@ class _Expansion:
     def follow(self, step: Array, damping: float) -> Array:
         """Return the step of what the recordings have that goes with one of the law."""
         wanted = self.own_slope - np.einsum('rjk,j->rk', self.cross, step)
-        return _solved(self._damped(damping), wanted[..., None])[..., 0]
+        return solved(self._damped(damping), wanted[..., None])[..., 0]
 
     def _damped(self, damping: float) -> Array:
         """Return the blocks as Levenberg's method damps all of the problem."""
-        damped: Array = self.own_block * (1.0 + damping * np.eye(_OWN))
+        damped: Array = self.own_block * (1.0 + damping * np.eye(OWN))
         return damped
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem:
+class Problem:
     """What is maximised: the likelihood of a path with what is known beforehand."""
 
     path: Path
@@ -268,8 +266,8 @@ class _Problem:
         n, parts = theta.size, self.path.recordings
         gradient, information = np.zeros(n), np.zeros((n, n))
         base, derivative = [], []
-        slopes, blocks = np.zeros((len(parts), _OWN)), np.tile(np.eye(_OWN), (len(parts), 1, 1))
-        cross = np.zeros((len(parts), n, _OWN))
+        slopes, blocks = np.zeros((len(parts), OWN)), np.tile(np.eye(OWN), (len(parts), 1, 1))
+        cross = np.zeros((len(parts), n, OWN))
         for r, (one, part) in enumerate(zip(own, parts, strict=True)):
             out, by_read = sensitivities(as_read(theta, one), part, self.varied)
             way = _derivatives(theta, one)
@@ -331,7 +329,7 @@ def _remaining(theta: Array, at: _Expansion) -> float:
     gradient, information = at.reduced()
     free = _free(theta, gradient)
     pull, block = gradient[free], information[np.ix_(free, free)]
-    own = _solved(at.own_block, at.own_slope[..., None])[..., 0]
+    own = solved(at.own_block, at.own_slope[..., None])[..., 0]
     return 0.5 * float(pull @ inverse_of(block) @ pull + np.sum(at.own_slope * own))
 
 
@@ -352,7 +350,7 @@ def _bounds() -> tuple[Array, Array]:
     return low, high
 
 
-def _solved(matrix: Array, right: Array) -> Array:
+def solved(matrix: Array, right: Array) -> Array:
     """Solve symmetric systems, (..., k, k): a law that runs away leaves singular ones."""
     size = np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 1e-300))[..., None]
     scaled = matrix / size / np.swapaxes(size, -1, -2) + _RIDGE * np.eye(matrix.shape[-1])
@@ -360,7 +358,7 @@ def _solved(matrix: Array, right: Array) -> Array:
     return found
 
 
-def _log_widths(block: Array, spread: Array) -> float:
+def log_widths(block: Array, spread: Array) -> float:
     """Logarithm of how much narrower the recordings' own is known than by its prior, summed."""
     return float(np.maximum(np.linalg.slogdet(block * spread[:, None] * spread)[1], 0.0).sum())
 
@@ -410,18 +408,18 @@ def fit_path(
     filter (Ljung, L., System Identification, 1999, Sect. 7.4).
     """
     if spread is None:
-        spread = _USUAL * (len(path.recordings) > 1)
+        spread = USUAL * (len(path.recordings) > 1)
     if path.hold_std:
         # They are of one recording, and differ by no more than the steps of the reading.
-        spread = _SPREADS[:, 0].copy()
+        spread = SPREADS[:, 0].copy()
         spread[2] = path.hold_std
-    problem = _Problem(path, prior, priors, spread)
+    problem = Problem(path, prior, priors, spread)
     low, high = _bounds()
     theta = np.array(start, dtype=np.float64)
     held = np.flatnonzero(prior.std == 0.0)
     theta[held] = prior.mean[held]
     theta = np.clip(theta, low, high)
-    own = np.zeros((len(path.recordings), _OWN)) if own is None else own
+    own = np.zeros((len(path.recordings), OWN)) if own is None else own
     current = problem.expand(theta, own)
     damping = 1e-3
     for _ in range(iterations):
@@ -466,7 +464,7 @@ def fit_path(
     unknown = 0.0
     if problem.differ:
         known = bool(np.isfinite(current.own_block).all())
-        unknown = 0.5 * _log_widths(current.own_block, spread) if known else float('inf')
+        unknown = 0.5 * log_widths(current.own_block, spread) if known else float('inf')
     information = current.reduced()[1]
     return TrajectoryFit(
         theta,
@@ -478,66 +476,3 @@ def fit_path(
         own,
         spread,
     )
-
-
-def learnt(
-    path: Path, fit: TrajectoryFit, prior: LawPrior, priors: Sequence[Prior]
-) -> TrajectoryFit:
-    """
-    Learn how far recordings differ, and fit anew with that.
-
-    The spreads are those that make the recordings likeliest, averaged over the law and over what
-    each of them has of its own, by the expansion of the likelihood about the fit (restricted
-    maximum likelihood); each is drawn towards none by its prior. They are learnt from few: a
-    spread from R recordings is taken (R + 1) / (R - 1) times as wide, in variance, as it seems.
-
-    References
-    ----------
-    Pinheiro, J. C., Bates, D. M., Mixed-Effects Models in S and S-PLUS (2000), Sect. 7.2.
-    """
-    count = len(path.recordings)
-    if count < 2 or path.hold_std:
-        return fit
-    for turn in range(_ROUNDS):
-        spread = _likeliest(path, fit, prior, priors)
-        settled = (np.abs(np.log(spread / fit.spread)) < 0.5).all()
-        last = settled or turn == _ROUNDS - 1
-        if last:
-            spread = spread * np.sqrt((count + 1.0) / (count - 1.0))
-        fit = fit_path(path, fit.theta, prior, priors, own=fit.own, spread=spread)
-        if last:
-            break
-    return fit
-
-
-def _likeliest(path: Path, fit: TrajectoryFit, prior: LawPrior, priors: Sequence[Prior]) -> Array:
-    """Spreads of what recordings have of their own that explain them best, shape (5,)."""
-    problem = _Problem(path, prior, priors, fit.spread)
-    at, precision = problem.expand(fit.theta, fit.own), np.diag(fit.spread**-2.0)
-    if not all(np.isfinite(one).all() for one in (at.information, at.own_block, at.cross)):
-        return fit.spread  # of a law that ran away
-    bare = at.own_block - precision
-    # With what the recordings have held, at zero.
-    law, pull = at.information, at.gradient + np.einsum('rjk,rk->j', at.cross, fit.own)
-    wanted = at.own_slope + fit.own / fit.spread**2 + np.einsum('rjk,rk->rj', bare, fit.own)
-    free = np.flatnonzero(np.diag(law) > 0.0)
-
-    def evidence(spread: Array) -> float:
-        """Return the log evidence of the spreads, with their prior."""
-        block = bare + np.diag(spread**-2.0)
-        weighed = _solved(block, at.cross.transpose(0, 2, 1))
-        seen = _solved(block, wanted[..., None])[..., 0]
-        reduced = (law - np.einsum('rjk,rki->ji', at.cross, weighed))[np.ix_(free, free)]
-        left = (pull - np.einsum('rki,rk->i', weighed, wanted))[free]
-        gain = np.sum(wanted * seen) + left @ _solved(reduced, left[:, None])[:, 0]
-        width = _log_widths(block, spread)
-        width += np.linalg.slogdet(reduced)[1]
-        return float(0.5 * (gain - width) - np.sum(spread / _USUAL))
-
-    spread: Array = fit.spread.copy()
-    for _ in range(3):
-        for k in range(_OWN):
-            tried = np.tile(spread, (_SPREADS.shape[1], 1))
-            tried[:, k] = _SPREADS[k]
-            spread = tried[int(np.argmax([evidence(one) for one in tried]))]
-    return spread
