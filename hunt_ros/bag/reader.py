@@ -295,7 +295,7 @@ def _expanded(name: Path, scratch: Path, partial: bool) -> Path:
 
 def of_one(files: list[Path]) -> list[Path]:
     """Return files that nothing describes; refuse those that differ in more than their number."""
-    stems = {re.sub(r'_\d+$', '', Path(file.name.removesuffix('.zstd')).stem) for file in files}
+    stems = {re.sub(r'[-_]?\d+\.\w+(\.zstd)?$', '', file.name) for file in files}
     if len(stems) > 1:
         raise BagError(
             f'{files[0].parent}: {files[0].name} and {files[-1].name} are not of one recording by'

@@ -484,13 +484,13 @@ def test_what_was_wrong_with_the_original_is_not_wrong_with_what_was_made_of_it(
 def test_one_file_of_a_recording_that_cannot_be_read_costs_its_messages_alone(tmp_path) -> None:
     for number in range(3):
         part = write_rosbags(tmp_path / f'part{number}', counted(20), 8, StoragePlugin.SQLITE3)
-        part.rename(tmp_path / f'run_{number}.db3')
-    damaged = tmp_path / 'run_1.db3'
+        part.rename(tmp_path / f'run-{number}.db3')
+    damaged = tmp_path / 'run-1.db3'
     damaged.write_bytes(damaged.read_bytes()[:6000])
     record = read_record(tmp_path)
     assert len(record['lateral']) == 40
-    assert 'run_1.db3: not a sound' in record.notes['problems']
-    assert any('run_1.db3' in text for text in problems(tmp_path))
+    assert 'run-1.db3: not a sound' in record.notes['problems']
+    assert any('run-1.db3' in text for text in problems(tmp_path))
 
 
 def test_a_dangling_link_and_a_pipe_in_a_folder_are_passed_over(tmp_path) -> None:

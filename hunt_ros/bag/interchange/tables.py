@@ -53,6 +53,8 @@ _NAME_UNIT = re.compile(r'^(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|,\s+(\S+))$')
 #: A number whose digits are grouped by thousands, as 1,234.5; one with a single mark.
 _GROUPED = re.compile(r'[+-]?\d{1,3}(?:(?:,\d{3})+\.|(?:\.\d{3})+,)\d*')
 _ONE_MARK = re.compile(r'[+-]?\d*([.,])\d*(?:[eE][+-]?\d+)?')
+#: A number, which may have a decimal comma.
+_DECIMAL_COMMA = re.compile(r'[+-]?\d+(?:,\d+)?(?:[eE][+-]?\d+)?')
 #: A date as Germany writes it; a time of day.
 _DAY_FIRST = re.compile(r'^(\d\d?)\.(\d\d?)\.(\d{4})[ T]+(\d\d:.*)$')
 _CLOCK = re.compile(r'^\d\d?:\d\d:\d\d(\.\d*)?$')
@@ -269,10 +271,10 @@ def _name_and_unit(cell: str) -> tuple[str, str]:
 
 
 def _delimiter(line: str) -> str | None:
-    for mark in (';', '\t', ','):
-        if mark in line:
-            return mark
-    return None  # any white space
+    parts = line.split()
+    decimal = len(parts) > 1 and all(map(_DECIMAL_COMMA.fullmatch, parts))
+    found = (mark for mark in (';', '\t', ',') if mark in line and not (mark == ',' and decimal))
+    return next(found, None)  # any white space
 
 
 def _cells(line: str, delimiter: str | None) -> list[str]:

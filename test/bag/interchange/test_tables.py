@@ -261,6 +261,7 @@ def test_a_pickle_is_never_opened(tmp_path: Path) -> None:
         '0,000;1,0;36,0\n0,500;2,0;72,0\n',
         'CATMAN\nANZAHL: 3\n\nCH 1\tCH 2\tCH 3\nTime 1\tlateral\tspeed\ns\tmm\tkm/h\n'
         'T0\tCal 1\t\n0,0\t1,0\t36\n0,5\t2,0\t72\n',
+        't lateral_mm speed_kmh\n 0 1,0 36\n 0,5 2,0 72\n',
         # Excel writes its empty rows as separators.
         'Made by;a logger;\n;;\nt;lateral;speed\ns;mm;km/h\n;;\n0;1;36\n0,5;2;72\n;;\n',
         # Digits in groups of thousands.
