@@ -98,8 +98,8 @@ SELDOM = 4 * HORIZONS[_TELLING - 1]
 _KEPT = 2 * HORIZONS[-1] + 1
 _INCREMENTS = round(2.0 * _MEMORY)
 
-#: What is remembered. Since the last gap: rows since the last mark, marks; the last speed that was
-#: known, m/s, marks since a jump; amplitudes and their standard deviations (m) at the last marks.
+#: What is remembered. Since the last gap: rows since the last mark, marks; the mean speed of those
+#: rows, m/s; marks since a jump; amplitudes and their standard deviations (m) at the last marks.
 #: Of the noise, by horizon: squared misses of the middle, the part of the tracker's error in them
 #: (m^2) and their speeds (m/s, inf: none), the last one first; how many marks they are worth, for
 #: how many of those it was noise alone; variance of the quiet motion and variance S now (m^2; 0
@@ -232,6 +232,8 @@ def watch(
         It may be the motion of a line: that it holds is no evidence.
     """
     memory['rows'] += 1
+    if v >= 0.0:  # the mean since the last mark: a single reading may be noisy
+        memory['speed'] += (v - memory['speed']) / memory['rows']
     if memory['rows'] < rules.step:
         return
     memory['rows'] = 0
@@ -241,8 +243,6 @@ def watch(
     memory['a'][0] = a
     memory['s'][0] = s
     memory['marks'] += 1
-    if v >= 0.0:
-        memory['speed'] = v
     memory['smooth'] += 1
     jumps = _jumps(rules, memory)
     if jumps and memory['smooth'] >= SELDOM:

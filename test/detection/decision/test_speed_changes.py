@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from decided import QUIET, ROWS, decided, noise
+from decided import QUIET, ROWS, RULES, decided, noise
 from made import at_most
 
 from hunt_ros.detection import State
+from hunt_ros.detection.decision import decisions, likelihood
 
 #: When the speed has changed, s, and the speed before, m/s.
 CHANGED_S, SPEED = 20.0, 5.0
@@ -58,3 +59,14 @@ def test_a_kick_soon_after_a_change_of_speed_is_said_soon(after_s) -> None:
             hunts = said(seed, ratio, after_s, 40.0, 0.0, 2.0)
             late += not np.any((hunts > 0.0) & (hunts < 3.0))
     assert late <= at_most(0.05, 2 * SEEDS)
+
+
+def test_readings_of_one_speed_that_are_noisy_tell_as_much_as_exact_ones() -> None:
+    path = np.abs(noise(30.0, 0.4, lag_s=0.15))
+    readings = SPEED * (1.0 + 0.1 * np.random.default_rng(1).normal(size=path.size))
+    rows = []
+    for speed in (SPEED, readings):
+        memory = decisions.fresh_memory()
+        decided(path, memory=memory, speed=speed)
+        rows.append(likelihood.rows_near(RULES, memory[0]['ratios']))
+    assert rows[1] > 0.7 * rows[0]
