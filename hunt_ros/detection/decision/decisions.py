@@ -71,6 +71,7 @@ def fresh_memory() -> NDArray[np.void]:
     memory['state']['reference'] = math.nan
     memory['ratios']['smooth'] = likelihood.SELDOM
     memory['ratios']['at'] = math.inf
+    memory['ratios']['speed'] = -1.0
     memory['outlook'] = NO_OUTLOOK
     return memory
 

@@ -99,12 +99,12 @@ _KEPT = 2 * HORIZONS[-1] + 1
 _INCREMENTS = round(2.0 * _MEMORY)
 
 #: What is remembered. Since the last gap: rows since the last mark, marks; the mean speed of those
-#: rows, m/s; marks since a jump; amplitudes and their standard deviations (m) at the last marks.
-#: Of the noise, by horizon: squared misses of the middle, the part of the tracker's error in them
-#: (m^2) and their speeds (m/s, inf: none), the last one first; how many marks they are worth, for
-#: how many of those it was noise alone; variance of the quiet motion and variance S now (m^2; 0
-#: before it is known), degrees of freedom; S by mean square (m^2), and the sum of the weights in
-#: it. The statistics by horizon and chain, and their logarithms.
+#: rows, m/s (-1 before one is known); marks since a jump; amplitudes and their standard deviations
+#: (m) at the last marks. Of the noise, by horizon: squared misses of the middle, the part of the
+#: tracker's error in them (m^2) and their speeds (m/s, inf: none), the last one first; how many
+#: marks they are worth, for how many of those it was noise alone; variance of the quiet motion and
+#: variance S now (m^2; 0 before it is known), degrees of freedom; S by mean square (m^2), and the
+#: sum of the weights in it. The statistics by horizon and chain, and their logarithms.
 LIKELIHOOD: np.dtype[np.void] = np.dtype(
     [
         ('rows', np.int64),
@@ -232,7 +232,12 @@ def watch(
         It may be the motion of a line: that it holds is no evidence.
     """
     memory['rows'] += 1
-    if v >= 0.0:  # the mean since the last mark: a single reading may be noisy
+    if v >= 0.0 and memory['speed'] < 0.0:  # the first that is known is that of before, too
+        memory['speed'] = v
+        for j in range(len(HORIZONS)):
+            for k in range(_INCREMENTS):
+                memory['at'][j, k] = v if memory['at'][j, k] < 0.0 else memory['at'][j, k]
+    elif v >= 0.0:  # the mean since the last mark: a single reading may be noisy
         memory['speed'] += (v - memory['speed']) / memory['rows']
     if memory['rows'] < rules.step:
         return

@@ -70,3 +70,19 @@ def test_readings_of_one_speed_that_are_noisy_tell_as_much_as_exact_ones() -> No
         decided(path, memory=memory, speed=speed)
         rows.append(likelihood.rows_near(RULES, memory[0]['ratios']))
     assert rows[1] > 0.7 * rows[0]
+
+
+@pytest.mark.parametrize('known_s', [8.0, 20.0])
+def test_a_kick_when_the_speed_is_just_known_is_said_soon(known_s) -> None:
+    """What came before the first reading is taken to have been at its speed."""
+    late = 0
+    for after_s in (0.5, 2.0):
+        for seed in range(SEEDS):
+            path = noise(known_s + after_s + 5.0, 0.4, seed=seed, lag_s=0.15)
+            begin = round((known_s + after_s) * ROWS)
+            path[begin:] += 40.0 * QUIET
+            speed = np.where(np.arange(path.size) < known_s * ROWS, np.nan, 5.0)
+            state = decided(np.abs(path), speed=speed)['state']
+            hunts = np.isin(state, (State.ESCAPING, State.LIMIT_CYCLE))
+            late += not hunts[begin : begin + round(3.0 * ROWS)].any()
+    assert late <= at_most(0.05, 2 * SEEDS)
