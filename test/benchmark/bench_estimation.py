@@ -34,6 +34,7 @@ def speed() -> str:
     """CPU time of the kernel for a sample, and for an hour of data."""
     rows = []
     signal = hunting_signal(0, duration=120.0)
+    signal.track(HuntingTracker())  # the first call loads or compiles the kernel
     for label, bin_s in (('every sample an update', 0.0), ('means over 5 ms (default)', 0.005)):
         tracker = HuntingTracker(TrackerConfig(bin_s=bin_s))
         start = time.thread_time()  # of CPU: the machine may be busy
