@@ -112,7 +112,7 @@ def test_a_filter_that_takes_the_motion_for_noise_is_contradicted() -> None:
     assert (envelope > 6e-4).mean() > 0.5
 
 
-@pytest.mark.parametrize('period_s', [0.0, 4.0, 16.0, 60.0])
+@pytest.mark.parametrize('period_s', [0.0, 4.0, 8.0, 11.0, 16.0, 60.0])
 @pytest.mark.parametrize('loses', [False, True])
 def test_lines_have_vanished_where_nothing_is_left_and_not_where_they_beat(
     period_s: float, loses: bool
@@ -125,11 +125,11 @@ def test_lines_have_vanished_where_nothing_is_left_and_not_where_they_beat(
         readings += 2e-5 * np.cos(2.0 * np.pi * (7.4 + 1.0 / period_s) * t)
     if loses:
         readings[t > 40.0] = 0.0
-    readings += 1e-6 * rng.standard_normal(t.size)
+    readings += 5e-6 * rng.standard_normal(t.size)
     *_, gone = opinion_on(readings, 7.4, (4e-6, 1e-6, 4.0))
-    assert gone[t[2000:] > 43.0].all() == loses
     assert not gone[t[2000:] <= 40.0].any()
-    assert gone.any() == loses
+    # Of a line that beats nobody knows whether it was there.
+    assert gone[t[2000:] > 42.0].all() == gone.any() == (loses and not period_s)
 
 
 def test_lines_of_a_roller_that_stops_have_not_vanished() -> None:
