@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
+from decimal import ROUND_HALF_EVEN, Decimal
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,8 @@ CLOCK_RESET_NS = NANOSECONDS
 CLOCK_OFFSET_NS = 15 * NANOSECONDS
 #: Spacing of two stamps, in usual ones, in which a sample is missing.
 GAP_STEPS = 1.5
+#: Powers of ten from which a number is printed with an exponent.
+_LARGE, _SMALL = 5, -4
 #: Half a 95 % interval of a normal distribution, in standard deviations.
 NORMAL_95 = 1.959964
 
@@ -172,6 +175,54 @@ class Record(Mapping[str, Series]):
         return Record(parts, self.source, self.notes)
 
 
+def rounded(
+    numbers: Sequence[float], std: float | None = None, digits: int = 4
+) -> tuple[list[str], int]:
+    """
+    Round numbers to two significant digits of a deviation (GUM, JCGM 100:2008, 7.2.6).
+
+    Decimal and half to even, so that what is printed never depends on how a number happens to be
+    stored in binary.
+
+    Parameters
+    ----------
+    numbers : sequence of float
+        Finite; the first is the estimate, and the others end where it ends.
+    std : float, optional
+        Its standard deviation; None or 0 where there is none.
+    digits : int
+        Significant digits of the estimate where there is no deviation.
+
+    Returns
+    -------
+    list of str, int
+        The numbers, and the power of ten that they are to be multiplied by: 0 for usual ones.
+    """
+    value = numbers[0]
+    if std:
+        place = _leading(std) - 1
+        # 0.0996 rounds to 0.10: one place up, or it would show three digits.
+        place = max(place, _leading(float(_at(std, place))) - 1)
+    else:
+        place = _leading(value) - digits + 1 if value else -1
+    leading = max((_leading(x) for x in (value, std or 0.0) if x), default=0)
+    power = leading if leading >= _LARGE or leading <= _SMALL else 0
+    # No minus before a zero.
+    scaled = [_at(x, place).scaleb(-power) for x in numbers]
+    return [f'{x if x else abs(x):.{max(0, power - place)}f}' for x in scaled], power
+
+
+def _leading(value: float) -> int:
+    """Power of ten of the first significant digit; 0 for zero."""
+    return Decimal(repr(float(abs(value)))).adjusted() if value else 0
+
+
+def _at(value: float, place: int) -> Decimal:
+    """`value` rounded at a decimal place given as a power of ten."""
+    unit = Decimal(1).scaleb(place)
+    return (Decimal(repr(float(value))) / unit).quantize(Decimal(1), ROUND_HALF_EVEN) * unit
+
+
 @dataclass(frozen=True)
 class Uncertain:
     """
@@ -203,30 +254,23 @@ class Uncertain:
 
     def text(self, between: str) -> str:
         """Return value and deviation with other words between them."""
-        if not (math.isfinite(self.value) and math.isfinite(self.std) and self.std > 0.0):
+        if not self._has_digits:
             return f'{self.value:.5g}'
-        last = math.floor(math.log10(self.std)) - 1
-        power = math.floor(math.log10(max(abs(self.value), self.std)))
-        power = 0 if last >= -6 and power < 6 else power
-        value, std = (
-            f'{round(x, -last) / 10.0**power:.{max(0, power - last)}f}'
-            for x in (self.value, self.std)
-        )
+        (value, std), power = rounded((self.value, self.std), self.std)
         return f'({value}{between}{std})e{power:+03d}' if power else f'{value}{between}{std}'
 
     def with_interval(self, unit: str = '') -> str:
         """Return value, unit and 95 % interval, e.g. '8.013 m/s (95 %: 7.931 to 8.095)'."""
-        form = '.5g' if self._places is None else f'.{self._places}f'
-        shown = f'{self.value:{form}} {unit}'.rstrip()
-        return f'{shown} (95 %: {self.low:{form}} to {self.high:{form}})'
+        numbers, power = (self.value, self.low, self.high), 0
+        texts = [f'{number:.5g}' for number in numbers]
+        if self._has_digits and math.isfinite(self.low + self.high):
+            texts, power = rounded(numbers, self.std)
+        value, low, high = (f'{text}e{power:+03d}' if power else text for text in texts)
+        return f'{f"{value} {unit}".rstrip()} (95 %: {low} to {high})'
 
     @property
-    def _places(self) -> int | None:
-        """Decimals that show two digits of the deviation; None where there are none such."""
-        if not (math.isfinite(self.value) and math.isfinite(self.std) and self.std > 0.0):
-            return None
-        places = 1 - math.floor(math.log10(self.std))
-        return places if 0 <= places <= 6 else None
+    def _has_digits(self) -> bool:
+        return math.isfinite(self.value) and math.isfinite(self.std) and self.std > 0.0
 
     def to_json(self) -> dict[str, Any] | None:
         """Return {value, std, ci95}, or None where the value is not finite."""

@@ -127,6 +127,8 @@ def test_samples_are_put_in_order_and_those_that_are_none_left_out() -> None:
         (-5.4251e7, 3.9e6, '(-5.43 ± 0.39)e+07'),
         (1.5e-9, 2e-10, '(1.50 ± 0.20)e-09'),
         (0.0, 1e-3, '0.0000 ± 0.0010'),
+        (0.0996, 0.0996, '0.10 ± 0.10'),  # as the report has it
+        (-0.001, 0.5, '0.00 ± 0.50'),
         (8.0128, math.nan, '8.0128'),
     ],
 )
@@ -139,7 +141,7 @@ def test_a_value_ends_with_the_second_digit_of_its_deviation(value, std, text) -
     [
         (Uncertain(8.0128, 0.0421, 7.9312, 8.0951), '8.013 m/s (95 %: 7.931 to 8.095)'),
         (Uncertain(8.0128, math.nan), '8.0128 m/s (95 %: nan to nan)'),
-        (Uncertain(1.5e-9, 2e-10, 1e-9, 2e-9), '1.5e-09 m/s (95 %: 1e-09 to 2e-09)'),
+        (Uncertain(1.5e-9, 2e-10, 1e-9, 2e-9), '1.50e-09 m/s (95 %: 1.00e-09 to 2.00e-09)'),
     ],
 )
 def test_an_interval_is_printed_to_two_digits_of_the_deviation(number, text) -> None:

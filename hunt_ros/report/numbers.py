@@ -1,24 +1,16 @@
-"""
-Numbers as a paper prints them: rounded to their uncertainty, in HTML.
-
-The uncertainty keeps two significant digits (GUM, JCGM 100:2008, 7.2.6) and the
-value ends at the same place. Rounding is decimal and half to even, so that what
-is printed never depends on how a number happens to be stored in binary.
-"""
+"""Numbers as a paper prints them: rounded to their uncertainty, in HTML."""
 
 from __future__ import annotations
 
 import math
-from decimal import ROUND_HALF_EVEN, Decimal
 from html import escape
 
 from hunt_ros.samples import NORMAL_95, Uncertain, Unknown
+from hunt_ros.samples import rounded as decimal_digits
 
 #: Half an interval over what the deviation says, and over its other half, from which the
 #: interval is printed and not the deviation.
 _LONGER, _ONE_SIDED = 1.5, 2.5
-#: Powers of ten from which a number is printed with an exponent.
-_LARGE, _SMALL = 5, -4
 
 
 def shown(number: Uncertain | Unknown | float | None, scale: float = 1.0, digits: int = 4) -> str:
@@ -98,21 +90,14 @@ def rounded(
     numbers = [value, *([] if std is None else [std]), *(interval or ())]
     if not all(math.isfinite(x) for x in numbers):
         raise ValueError(f'only finite numbers have digits, got {numbers}')
-    if std is None or std <= 0.0:
-        place = _leading(value) - digits + 1 if value else -1
-        std = None
-    else:
-        place = _leading(std) - 1
-        # 0.0996 rounds to 0.10: one place up, or it would show three digits.
-        place = max(place, _leading(float(_at(std, place))) - 1)
-    leading = max((_leading(x) for x in (value, std or 0.0) if x), default=0)
-    exponent = leading if leading >= _LARGE or leading <= _SMALL else 0
-    text = _digits(value, place, exponent)
-    range_ = ' … '.join(_digits(end, place, exponent) for end in interval or ())
+    std = None if std is None or std <= 0.0 else std
+    texts, exponent = decimal_digits([value, *(interval or ()), std or 0.0], std, digits)
+    text, *ends, deviation = (each.replace('-', '−') for each in texts)
+    range_ = ' … '.join(ends)
     if std is not None and interval is not None and _skewed(value, std, interval):
         text = f'{text}, {range_}'
     elif std is not None:
-        text = f'{text} ± {_digits(std, place, exponent)}'
+        text = f'{text} ± {deviation}'
     if exponent:
         power = f' × 10<sup>{str(exponent).replace("-", "−")}</sup>'
         text = f'({text}){power}' if std is not None else f'{text}{power}'
@@ -124,21 +109,3 @@ def _skewed(value: float, std: float, interval: tuple[float, float]) -> bool:
     """Whether a 95 % interval is far from value -/+ 1.96 std: longer, or much to one side."""
     short, long = sorted((value - interval[0], interval[1] - value))
     return long > _LONGER * NORMAL_95 * std or long > _ONE_SIDED * short
-
-
-def _leading(value: float) -> int:
-    """Power of ten of the first significant digit; 0 for zero."""
-    return Decimal(repr(float(abs(value)))).adjusted() if value else 0
-
-
-def _at(value: float, place: int) -> Decimal:
-    """`value` rounded at a decimal place given as a power of ten."""
-    unit = Decimal(1).scaleb(place)
-    return (Decimal(repr(float(value))) / unit).quantize(Decimal(1), ROUND_HALF_EVEN) * unit
-
-
-def _digits(value: float, place: int, exponent: int) -> str:
-    """Digits of `value` / 10^exponent, ended at `place`, with a true minus sign."""
-    scaled = _at(value, place).scaleb(-exponent)
-    text = f'{abs(scaled):.{max(0, exponent - place)}f}'
-    return f'−{text}' if scaled < 0 else text
