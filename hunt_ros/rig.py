@@ -27,6 +27,7 @@ from hunt_ros.settings import Settings, checked, setting, yaml_document, yaml_va
 from hunt_ros.suite import NODES
 
 _Kind = TypeVar('_Kind', bound=Settings)
+_AnyRig = TypeVar('_AnyRig', bound='Rig')
 
 #: Highest order of a known line, and how many there may be: each costs a tenth of the filter.
 MOST_TURNS, MOST_LINES = 100.0, 8
@@ -219,7 +220,7 @@ class Rig(Settings):
             object.__setattr__(self, name, numbers)
 
     @classmethod
-    def of(cls, settings: Settings) -> Rig:
+    def of(cls: type[_AnyRig], settings: Settings) -> _AnyRig:
         """
         Return the rig that the settings of a node tell of; the rest has its defaults.
 

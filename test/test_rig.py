@@ -154,7 +154,7 @@ def test_an_option_wins_over_the_rig_and_a_later_file_over_an_earlier(bag, tmp_p
         '/**/hunting_detector: {ros__parameters: {time_scale_s: 0.07}}\n'
     )
     out = tmp_path / 'result.json'
-    words = ['--rig', str(first), '--rig', str(second), '--length-scale', '0.2']
+    words = ['--rig', str(first), '--rig', str(second), '--set', 'length_scale_m=0.2']
     main(['identify', str(bag), *words, '--json', str(out)])
     result = json.loads(out.read_text())
     assert (result['length_scale_m'], result['time_scale_s']) == (0.2, 0.05)

@@ -19,7 +19,6 @@ EXAMPLE = 'hunt plan bags/hysteresis_loop --budget 120 --out next.yaml'
 _OPTIONS = {
     '--budget': 'budget_s',
     '--max-escape': 'max_escape',
-    '--speed-ceiling': 'speed_ceiling_mps',
     '--start': 'start_speed_mps',
     '--kicks': 'kicks',
     '--rearm': 'rearm_s',
@@ -41,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Identify, plan, write the profile, say why."""
     given = options.given_settings(arguments, (*_OPTIONS.values(), 'seed'))
-    ceiling = given.get('speed_ceiling_mps') or options.rig_of(arguments).speed_ceiling_mps
+    ceiling = options.rig_of(arguments).speed_ceiling_mps
     if math.isfinite(ceiling):
         given['speed_ceiling_mps'] = ceiling
     settings = PlanSettings(**given)

@@ -23,6 +23,9 @@ from hunt_ros.recorded_run import RecordedRun, recorded_run
 from hunt_ros.samples import CHANNELS, Record
 from hunt_ros.sensors import DISPLACEMENTS
 
+#: Of the detector, and of what runs beside it.
+_KINDS: tuple[Any, ...] = (DetectorConfig, CompanionConfig)
+
 EXAMPLE = 'hunt replay bags/kick_escapes --normal-form bags/paper.yaml --json -'
 
 
@@ -31,8 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = partial(options.add, parser)
     add('bag', type=Path, help='folder, .mcap or .db3')
     add('--normal-form', '--rig', '--channel', '--json')
-    what = 'one setting of hunting_detector, e.g. criteria=[cfr_213_333]; repeatable'
-    add('--set', action='append', default=[], metavar='NAME=VALUE', help=what)
+    options.add_set(parser, 'criteria=[cfr_213_333]', hunting_detector=_KINDS)
     what = 'a new run with default settings, also where the recording holds a live one'
     add('--fresh', **options.FLAG, help=what)
     add('--live', **options.FLAG, help='publish it to the running nodes')
@@ -93,10 +95,7 @@ def _check(arguments: argparse.Namespace) -> None:
 def read(arguments: argparse.Namespace, as_stamped: bool = False) -> Record:
     """Read the measurements, with the channels the user named; see `read_record`."""
     channels = options.channels_of(arguments, CHANNELS)
-    constant_speed = options.rig_of(arguments).constant_speed_mps > 0.0 or any(
-        word.startswith('constant_speed_mps=') for word in arguments.set
-    )
-    require = () if constant_speed else ('speed',)
+    require = () if options.rig_of(arguments).constant_speed_mps > 0.0 else ('speed',)
     record = read_record(arguments.bag, channels, require=require, as_stamped=as_stamped)
     options.rig_of(arguments).refuse_other(record.notes.get('rig', ''), record.source)
     if not set(DISPLACEMENTS) & set(record):
@@ -126,8 +125,7 @@ def _of_the_live_run(record: Record, live: RecordedRun) -> list[str]:
 
 def settings_of(arguments: argparse.Namespace) -> tuple[DetectorConfig, CompanionConfig]:
     """Read the settings of the detector node: those of the detector, and what runs beside it."""
-    kinds: list[Any] = [DetectorConfig, CompanionConfig]
-    config, beside = options.settings_of(arguments, 'hunting_detector', *kinds)
+    config, beside = options.settings_of(arguments, 'hunting_detector', *_KINDS)
     return config, beside
 
 

@@ -19,11 +19,9 @@ EXAMPLE = 'hunt tune bags/kick_escapes bags/kick_decays --grid alarm_lateral_mm=
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    add_recordings(parser)
+    add_recordings(parser, hunting_detector=(DetectorConfig,))
     add = partial(options.add, parser)
     add('--normal-form')
-    what = 'one setting of hunting_detector that is kept, e.g. lines=[]; repeatable'
-    add('--set', action='append', default=[], metavar='NAME=VALUE', help=what)
     what = 'values of one setting, e.g. false_alarms_per_week=1,100; repeatable (the usual ones)'
     add('--grid', action='append', default=[], metavar='NAME=X,...', help=what)
     what = 'draw false alarms against delay'

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,18 +50,6 @@ class IdentificationSettings(Rig):
         super().__post_init__()
         fine = all(0.0 <= a < b < math.inf and number >= 0 for a, b, number in self.ignore)
         _require('ignore', self.ignore, fine, '0 <= from < to, and a number')
-
-    @classmethod
-    def of_rig(cls, rig: Rig, **given: Any) -> IdentificationSettings:
-        """
-        Return the settings for a rig, and others by name.
-
-        Raises
-        ------
-        ConfigError
-            For a value out of its range.
-        """
-        return cls(**{item.name: getattr(rig, item.name) for item in fields(Rig)}, **given)
 
     @property
     def length_unit(self) -> float:

@@ -31,7 +31,7 @@ from hunt_ros.nodes.support.parameters import declare, declare_normal_form
 from hunt_ros.nodes.support.qos import latched
 from hunt_ros.nodes.support.refit import refit
 from hunt_ros.nodes.support.worker import offer
-from hunt_ros.rig import Rig, of_rig
+from hunt_ros.rig import of_rig
 from hunt_ros.samples import counted
 from hunt_ros.settings import Settings, setting
 
@@ -67,7 +67,7 @@ class IdentifierConfig(Settings):
 
     def identification(self) -> IdentificationSettings:
         """Return what the identification is told of the rig; raises ConfigError."""
-        return IdentificationSettings.of_rig(Rig.of(self))
+        return IdentificationSettings.of(self)
 
 
 class NormalFormIdentifierNode(SuiteNode):

@@ -104,17 +104,17 @@ CASES = [
         {1.0: 1e-4, 1.7: 1e-4, DIAMETER / 0.15: 1e-4},
         {},
         False,
-        ['--roller-diameter', '0.36', '--lines', '1', '--wheel-diameter', '0.15'],
+        ['roller_diameter_m=0.36', 'lines=[1]', 'wheel_diameter_m=0.15'],
         ["line at 1.7 times the roller's turn"],
     ),
     (
         {1.0: 1e-4, 1.7: 1e-4, DIAMETER / 0.15: 1e-4},
         {},
         False,
-        ['--roller-diameter', '0.36', '--lines', '1'],
+        ['roller_diameter_m=0.36', 'lines=[1]'],
         ["line at 1.7 times the roller's turn", "line at 2.4 times the roller's turn"],
     ),
-    ({1.7: 3e-4}, {}, False, ['--lines', ''], [f'line at {1.7 * TURNS:.3g} v Hz']),
+    ({1.7: 3e-4}, {}, False, ['lines='], [f'line at {1.7 * TURNS:.3g} v Hz']),
     # Larger than the limit cycle, and near to it.
     ({}, {13.2: 2e-3}, True, [], ['line at 13.2 Hz']),
     ({}, {4.4: 1e-4}, True, [], ['line at 4.4 Hz']),
@@ -127,6 +127,7 @@ def test_forced_lines_of_a_staircase_are_named_and_do_not_hunt(
     staircase, tmp_path, capsys, orders, fixed, angle, options, expected
 ) -> None:
     bag = write_record(tmp_path / 'bag', with_lines(staircase, orders, fixed, angle))
+    options = [word for option in options for word in ('--set', option)]
     main(['identify', str(bag), *options, '--json', str(tmp_path / 'result.json')])
     said = [line for line in capsys.readouterr().out.splitlines() if 'forced' in line]
     document = json.loads((tmp_path / 'result.json').read_text())

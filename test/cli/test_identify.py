@@ -33,7 +33,7 @@ def test_a_bag_gives_json_and_a_parameter_file(bag, tmp_path, capsys):
 
 
 def test_json_alone_stands_on_standard_output(bag, capsys):
-    priors = ['--prior-v-c', '8.0:0.05', '--prior-D1', '0.12:0.012']
+    priors = ['--set', 'prior_v_c=[8.0,0.05]', '--set', 'prior_D1=[0.12,0.012]']
     main(['identify', str(bag), '--json', '-', *priors])
     document = json.loads(capsys.readouterr().out)
     assert np.isclose(document['v_c']['value'], 8.0, atol=0.15)
@@ -53,7 +53,7 @@ def test_three_days_of_the_flutter_rig_are_bracketed(tmp_path, capsys):
         channels = ['--channel', 'lateral=data[1]*0.47', '--channel', f'speed={speed}']
         assert main(['import', str(path), bags[-1], *channels, '--rate', '250']) == 0
     capsys.readouterr()
-    words = ['--length-scale', '0.1', '--json', '-']
+    words = ['--set', 'length_scale_m=0.1', '--json', '-']
     assert main(['identify', *bags, *words]) == 1
     document = json.loads(capsys.readouterr().out)
     # Kicks died up to 23.7 m/s, and some at 25.9 m/s; hunting was seen down to 19.8 m/s.

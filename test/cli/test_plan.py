@@ -55,7 +55,7 @@ def test_bad_input_is_one_line_and_exit_2(form, tmp_path, capsys):
     for words, said in (
         ([str(form), '--budget', 'soon'], '10 to 86400 s'),
         ([str(form), '--max-escape', '1.5'], '0 to 1'),
-        ([str(form), '--speed-ceiling', '4'], 'speed_ceiling_mps'),
+        ([str(form), '--set', 'speed_ceiling_mps=4'], 'speed_ceiling_mps'),
         ([str(form), '--at', '7,fast'], '--at'),
         ([str(form), '--at', '7.2,5'], 'no unstable amplitude is known at 5 m/s, expected'),
         ([str(form), '--at', '9'], 'between v_n = '),

@@ -268,8 +268,8 @@ def test_scales_are_only_units(records, from_sweep):
     assert other.v_n.value == pytest.approx(from_sweep.v_n.value, rel=1e-3)
     # Units that the user did not give are said, and where they are from.
     assert dict(other.scales_from) == {'length': 'given', 'time': 'given'}
-    assert not any('--time-scale' in warning for warning in other.warnings)
-    assert any('--time-scale' in warning for warning in from_sweep.warnings)
+    assert not any('time_scale_s' in warning for warning in other.warnings)
+    assert any('time_scale_s' in warning for warning in from_sweep.warnings)
     assert 'rig of the paper' in describe(from_sweep)
     assert 'effective between 6 and 8.8 m/s: D7, D10, D15' in describe(from_sweep)
     speeds = [6.8, 7.6]

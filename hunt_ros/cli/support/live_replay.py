@@ -7,6 +7,7 @@ import math
 import tempfile
 import time
 from collections.abc import Iterable
+from itertools import chain
 from pathlib import Path
 
 from hunt_ros.cli.support import options
@@ -17,9 +18,11 @@ from hunt_ros.cli.support.supervisor import Supervisor
 from hunt_ros.cli.support.view import View
 from hunt_ros.detection import DetectorConfig
 from hunt_ros.detection.offline import config_for
+from hunt_ros.rig import parameters_of
 from hunt_ros.samples import CHANNELS, Record
 from hunt_ros.settings import Settings
 
+_DETECTOR = 'hunting_detector'
 #: Estimates that are still under way when the last sample has been played.
 _AFTER_S = 2.0
 
@@ -60,7 +63,7 @@ def replay_live(
                     begun = True
                     if line.get('listening') == 'False':
                         view.say('no node listens: starting a detector for this replay')
-                        own = {'hunting_detector': detector}
+                        own = {_DETECTOR: detector}
                         start_nodes(supervisor, [*own], {}, own, _files(arguments))
                     if page is not None:
                         beside = arguments.bag.resolve().parent
@@ -93,7 +96,8 @@ def _detector(
     """Return the parameters of a detector that fits the recording, for where none is running."""
     config, _ = config_for(record, DetectorConfig())
     given = {name: value for kind in settings for name, value in vars(kind).items()}
-    asked = {name: given[name] for name in (word.partition('=')[0] for word in arguments.set)}
+    names = (parameters_of(_DETECTOR, text, source) for source, text in arguments.set)
+    asked = {name: given[name] for name in chain.from_iterable(names)}
     return {'use_sim_time': True, 'channels': config.channels, **asked}
 
 

@@ -15,7 +15,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from hunt_ros.errors import ConfigError, HuntError
 from hunt_ros.settings import Settings
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from hunt_ros.rig import Rig
 
 _Kind = TypeVar('_Kind', bound=Settings)
+_Kinds: TypeAlias = tuple[type[Settings], ...]
 
 #: Longest run or recording, s: ten days.
 LONGEST_S = 864_000.0
@@ -79,18 +80,18 @@ def whole(low: int = 0, high: int = 2**31 - 1) -> Callable[[str], int]:
 
 
 def numbers(
-    kind: Callable[[str], float], signs: str = ',:', none: bool = False, form: str = ''
+    kind: Callable[[str], float], sign: str = ',', form: str = ''
 ) -> Callable[[str], tuple[float, ...]]:
     """
-    Return the type of an option that is numbers between these signs.
+    Return the type of an option that is numbers between signs.
 
-    `none`: '' is none; `form`, such as T:SIZE, says what they are, and how many.
+    `form`, such as T:SIZE, says what they are, and how many.
     """
 
     def parse(text: str) -> tuple[float, ...]:
         """Return the value of a text, or refuse it."""
-        parts = [] if none and not text else re.split(f'[{signs}]', text)
-        if form and len(parts) != len(re.split(f'[{signs}]', form)):
+        parts = text.split(sign)
+        if form and len(parts) != len(form.split(sign)):
             raise argparse.ArgumentTypeError(f'expected {form}, got {text}')
         return tuple(map(kind, parts))
 
@@ -270,20 +271,61 @@ def add_settings(
             parser.add_argument(option, dest=name, **FLAG, help=help_)
             continue
         low, high = about['low'], about['high']
-        one = number(-_BIG if low is None else low, _BIG if high is None else high, unit)
+        one, shown = (
+            number(low or 0.0, _BIG if high is None else high, unit),
+            (unit or 'x').upper(),
+        )
         if isinstance(default, tuple):
-            kind_: Callable[[str], object] = numbers(one, none=bool(default))
-        else:
-            kind_ = whole(low) if type(default) is int else one
-            help_ += f' ({default:g})' if default else ''
-        shown = 'X,...' if isinstance(default, tuple) else (unit or 'x').upper()
-        parser.add_argument(option, dest=name, type=kind_, metavar=shown, help=help_)
+            one, shown = numbers(one), 'X,...'
+        elif default:
+            help_ += f' ({default:g})'
+        parser.add_argument(option, dest=name, type=one, metavar=shown, help=help_)
 
 
 def given_settings(arguments: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
     """Return the settings that were given as options, by name."""
     found = {name: getattr(arguments, name) for name in names}
     return {name: value for name, value in found.items() if value is not None}
+
+
+def add_set(parser: argparse.ArgumentParser, example: str, **nodes: _Kinds) -> None:
+    """
+    Add `--set NAME=VALUE`, the value as YAML: a text of a parameter file that wins over others.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        `set` is a list of (where it comes from, text).
+    example : str
+        For the help.
+    **nodes : tuple of types of Settings
+        Node -> those of it that may be given. What the rig has too is meant for every node.
+    """
+    from hunt_ros.rig import PARAMETERS, SHARED
+
+    known = {
+        item.name: (node, item)
+        for node, kinds in nodes.items()
+        for kind in kinds
+        for item in fields(kind)
+        if item.metadata
+    }
+
+    def parse(word: str) -> tuple[str, str]:
+        """Return the text of a word, or refuse it."""
+        name, equals, value = word.partition('=')
+        if not equals or name not in known:
+            near = difflib.get_close_matches(name, known, 1, 0.7) if equals else ()
+            expected = near[0] if near else f'one of {", ".join(sorted(known))}'
+            raise argparse.ArgumentTypeError(f'{word}: expected NAME=VALUE with {expected}')
+        node, item = known[name]
+        if not value.strip():  # lines= is a list without a line
+            value = '[]' if isinstance(item.default, tuple) else "''"
+        section = SHARED if name in PARAMETERS else node
+        return f'--set {word}', f'{section}: {{ros__parameters: {{{name}: {value}}}}}'
+
+    what = f'a setting, in place of that in the rig file: {example}; repeatable'
+    add(parser, '--set', type=parse, action='append', default=[], metavar='NAME=VALUE', help=what)
 
 
 def settings_of(arguments: argparse.Namespace, node: str, *kinds: type[_Kind]) -> list[_Kind]:
@@ -293,7 +335,7 @@ def settings_of(arguments: argparse.Namespace, node: str, *kinds: type[_Kind]) -
     Parameters
     ----------
     arguments : Namespace
-        `rig`, and `set`: texts NAME=VALUE, value as YAML, which win over the files.
+        `rig`, and perhaps `set`.
     node : str
         Its name: the sections of the files that are taken.
     *kinds : type of Settings
@@ -307,20 +349,12 @@ def settings_of(arguments: argparse.Namespace, node: str, *kinds: type[_Kind]) -
     from hunt_ros.rig import PARAMETERS, parameters_of, told_by
 
     texts = rig_texts(arguments)
-    known = {item.name: item.default for kind in kinds for item in fields(kind)}
+    known = {item.name for kind in kinds for item in fields(kind)}
     for source, text in texts:
-        for name in parameters_of(node, text, source).keys() - known.keys() - PARAMETERS:
+        for name in parameters_of(node, text, source).keys() - known - PARAMETERS:
             # A parameter of the node itself is no business of a replay; a slip of the pen is.
             if near := difflib.get_close_matches(str(name), known, 1, 0.8):
                 raise ConfigError(f'{source}: section {node}: unknown {name}, expected {near[0]}')
-    for word in arguments.set:
-        name, equals, value = word.partition('=')
-        if not equals or name not in known:
-            names = ', '.join(sorted(known))
-            raise ConfigError(f'--set {word}: expected NAME=VALUE with one of {names}')
-        if not value.strip():  # lines= is a list without a line
-            value = '[]' if isinstance(known[name], tuple) else "''"
-        texts.append((f'--set {word}', f'{node}: {{ros__parameters: {{{name}: {value}}}}}'))
     return [told_by(kind(), node, texts) for kind in kinds]
 
 
@@ -366,7 +400,7 @@ def alarm_outputs_of(arguments: argparse.Namespace) -> dict[str, AlarmOutput]:
 
 def rig_texts(arguments: argparse.Namespace) -> list[tuple[str, str]]:
     """
-    Read the files of `--rig`: where each comes from, and what stands in it.
+    Read the files of `--rig`: where each comes from, and what stands in it; then `--set`.
 
     Raises
     ------
@@ -380,7 +414,7 @@ def rig_texts(arguments: argparse.Namespace) -> list[tuple[str, str]]:
         names = {name.partition('.')[0] for name in parameters_of('', text, source)}
         if names == {'normal_form'}:
             raise ConfigError(f'--rig {source}: is a normal form, expected --normal-form {source}')
-    return texts
+    return texts + list(getattr(arguments, 'set', ()))
 
 
 def recordings_of(arguments: argparse.Namespace) -> Path:

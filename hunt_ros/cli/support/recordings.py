@@ -16,35 +16,23 @@ from hunt_ros.errors import ConfigError, HuntError
 from hunt_ros.identification import Identification, IdentificationSettings, Source, identify
 from hunt_ros.rig import Rig
 from hunt_ros.samples import CHANNELS, Record
+from hunt_ros.settings import Settings
 
 #: Whose section of a parameter file is read as well: it does the same in a running suite.
 _NODE = 'normal_form_identifier'
-#: Option -> setting of the rig, in place of that in the files of `--rig`.
-_OF_RIG = {
-    '--length-scale': 'length_scale_m',
-    '--time-scale': 'time_scale_s',
-    '--sensor-range': 'lateral_range_m',
-    '--clearance': 'flange_clearance_m',
-    '--roller-diameter': 'roller_diameter_m',
-    '--wheel-diameter': 'wheel_diameter_m',
-    '--frequency': 'hunting_frequency_hz',
-    '--lines': 'lines',
-    '--prior-v-c': 'prior_v_c',
-    '--prior-D1': 'prior_D1',
-    '--speed-resolution': 'speed_resolution_mps',
-    '--speed-scale-std': 'speed_scale_std',
-}
 
 
-def add_recordings(parser: argparse.ArgumentParser, what: str = 'recordings') -> None:
-    """Add what to read and how to identify."""
+def add_recordings(
+    parser: argparse.ArgumentParser, what: str = 'recordings', **nodes: tuple[type[Settings], ...]
+) -> None:
+    """Add what to read and how to identify; `--set` takes the settings of these nodes too."""
     add = partial(options.add, parser)
     add('bags', nargs='+', metavar='BAG', help=what)
     add('--channel', '--rig', '--seed')
-    options.add_settings(parser, Rig, _OF_RIG)
+    example = 'roller_diameter_m=0.3, lines=[], prior_v_c=[8.0,0.05]'
+    options.add_set(parser, example, **{_NODE: (IdentificationSettings,)}, **nodes)
     left = 'leave out these s since the start of each recording, or of the Nth; repeatable'
     add('--ignore', type=_interval, action='append', metavar='[N:]FROM:TO', help=left)
-    options.add_settings(parser, IdentificationSettings, {'--minimum-hold': 'minimum_hold_s'})
     where = 'Dask scheduler, tcp://host:8786; its workers read the recordings by the same paths'
     add('--cluster', metavar='ADDRESS', help=where)
 
@@ -61,10 +49,9 @@ def settings_of(arguments: argparse.Namespace) -> IdentificationSettings:
     """Return the settings that the options of `add_recordings` ask for."""
     if arguments.cluster is not None:
         _reach(arguments.cluster)
-    rig = options.rig_of(arguments, _NODE)
-    rig = replace(rig, **options.given_settings(arguments, _OF_RIG.values()))
-    given = options.given_settings(arguments, ('minimum_hold_s', 'seed', 'cluster'))
-    return IdentificationSettings.of_rig(rig, ignore=tuple(arguments.ignore or ()), **given)
+    (settings,) = options.settings_of(arguments, _NODE, IdentificationSettings)
+    given = options.given_settings(arguments, ('seed', 'cluster'))
+    return replace(settings, ignore=tuple(arguments.ignore or ()), **given)
 
 
 def _reach(address: str) -> None:

@@ -207,8 +207,8 @@ def moving(record: Record) -> list[Channels]:
 def doubts(stretches: Sequence[Stretch], settings: IdentificationSettings) -> Iterator[str]:
     """Say what is taken from the paper's rig, and what looks like a wrong unit."""
     unit, time = settings.length_unit, settings.time_unit
-    assumed = [f'd0 = {unit:.4g} m (--length-scale)'] * (not settings.length_scale_m)
-    assumed += [f'1/omega_psi = {time:.4g} s (--time-scale)'] * (not settings.time_scale_s)
+    assumed = [f'd0 = {unit:.4g} m (length_scale_m)'] * (not settings.length_scale_m)
+    assumed += [f'1/omega_psi = {time:.4g} s (time_scale_s)'] * (not settings.time_scale_s)
     if assumed:
         yield (
             f'not given, and taken from the rig of the paper: {" and ".join(assumed)}; the'
@@ -338,7 +338,7 @@ def held_amplitude(states: Sequence[SteadyState], threshold: float | None) -> tu
     return low, (
         f'the amplitude of the limit cycle does not depend on the speed ({1e3 * low:.3g} to'
         f' {1e3 * high:.3g} mm from {min(speed):.3g} to {max(speed):.3g} m/s), as if the flanges'
-        ' held it: it is not fitted; flange_clearance_m (--clearance) says where they touch'
+        ' held it: it is not fitted; flange_clearance_m says where they touch'
     )
 
 

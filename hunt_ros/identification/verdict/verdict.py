@@ -359,7 +359,7 @@ def _unsupported(
     D1 = posterior.number('D1')
     told = D1 is not None and D1.std < _VAGUE_D1 * abs(D1.value)
     if not (moved or settings.prior_D1 or told):
-        failed['time'] = 'no free transient: D1 cannot be known; give it with --prior-D1'
+        failed['time'] = 'no free transient: D1 cannot be known; give prior_D1 of the rig'
     elif hunts and not moved:
         warnings.append('no free transient: the time scale rests on the prior or on quiet motion')
     soft = 0.0 if evidence.bracket.coexistence else posterior.supercritical
