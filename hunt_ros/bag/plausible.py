@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from hunt_ros.errors import BagError
@@ -21,7 +23,7 @@ LARGEST: dict[str, tuple[float, str, str]] = {
 }
 
 
-def wrong_unit(channel: str, series: Series) -> str:
+def wrong_unit(channel: str, series: Series, usual_most: float = math.inf) -> str:
     """
     Say what is wrong with the size of a channel's values; '' where nothing is.
 
@@ -34,12 +36,15 @@ def wrong_unit(channel: str, series: Series) -> str:
         Its name.
     series : Series
         In SI, as it is thought.
+    usual_most : float
+        A smaller limit than that of `LARGEST`.
     """
     finite = np.isfinite(series.values)
     values = series.values[finite]
     if channel not in LARGEST or not values.size:
         return ''
     most, unit, factor = LARGEST[channel]
+    most = min(most, usual_most)
     span_s = float(np.ptp(series.stamps_ns[finite])) / NANOSECONDS
     count = min(max(1, round(span_s / _WINDOW_S)), max(1, values.size // _FEWEST))
     if channel == 'speed':

@@ -34,6 +34,8 @@ EXAMPLE = 'hunt check bags/kick_decays --rig config/rig.yaml'
 
 #: Of a sample in a recording, with its share of everything else, bytes.
 _SAMPLE_BYTES = 80.0
+#: Half of the yaw of a wheelset is within this, rad: of degrees it is not while it hunts.
+_YAW_RAD = 0.05
 #: A recording must have room for so long, h, and for this at least, bytes.
 _LEAST_H, _LEAST_BYTES = 8.0, 1e9
 
@@ -143,6 +145,9 @@ def _units(record: Record) -> list[Finding]:
     texts = {name: wrong_unit(name, series) for name, series in record.items()}
     advice = 'publish SI units (m, rad, m/s), or give the factor in "sources" of the rig file'
     found = [Finding('unit', name, FAIL, text, advice) for name, text in texts.items() if text]
+    if 'yaw' in record and (text := wrong_unit('yaw', record['yaw'], _YAW_RAD)) and not found:
+        advice = 'a wheelset yaws by some mrad; a wing or a model may by more'
+        found.append(Finding('unit', 'yaw', WARN, text, advice))
     if assumed := record.notes.get('units_assumed'):
         text = f'the file that it was imported from tells no unit, assumed: {assumed}'
         advice = 'if that is wrong, import it again with a factor: --channel lateral=y*0.001'

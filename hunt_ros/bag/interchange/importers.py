@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -29,8 +30,14 @@ TIMES: dict[str, float] = {
 TIME_UNITS: dict[str, float] = {'ns': 1e-9, 'us': 1e-6, 'ms': 1e-3, 's': 1.0, 'min': 60.0}
 #: Between two runs of an array of structures, s.
 RUN_GAP_S = 3.0
-#: Where more samples than this share of all have the time of another one, its digits are too few.
-_SHARED = 0.1
+#: Where more samples than this share of all have the time of another one, its clock is coarse:
+#: they are spread over its ticks, if there are so many.
+_SHARED, _TICKS = 0.1, 10
+#: What loggers write where there is no reading; and a number that is none of any sensor.
+_CODES, _NO_READING = (999.0, 999.9, 7999.0, 9999.0, 9999.9, 99999.0, 999999.0), 1e30
+#: Shortest and longest step of so many times, s: of days that are taken for seconds they are
+#: shorter, of milliseconds longer.
+_STEPS_S, _FEWEST = (2e-6, 0.15), 50
 #: Times beyond this do not fit into whole nanoseconds of 64 bits, s.
 LATEST_S = 9e9
 
@@ -131,7 +138,7 @@ def _series(
         there = ~np.ma.getmaskarray(values)
         stamps_of.append(stamps[there])
         values_of.append(np.ma.getdata(values)[there].astype(np.float64))
-    stamps, values = np.concatenate(stamps_of), np.concatenate(values_of)
+    stamps, values = np.concatenate(stamps_of), _without_codes(np.concatenate(values_of))
     if not np.isfinite(values).any():
         raise BagError(f'{source.source} holds no finite number')
     times = different(stamps)
@@ -141,6 +148,14 @@ def _series(
             ' expected times with more digits, or the sample rate (--rate)'
         )
     return Series(stamps, values * source.scale + source.offset)
+
+
+def _without_codes(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return values, NaN where one far beyond all others is a code for "no reading"."""
+    sizes = np.abs(values)
+    codes = np.isin(sizes, _CODES) | (sizes >= _NO_READING)
+    least = 0.1 * float(sizes[codes].min(initial=math.inf))
+    return np.where(codes & (np.nanmax(sizes[~codes], initial=0.0) < least), math.nan, values)
 
 
 def _clocks(
@@ -163,6 +178,15 @@ def _clocks(
         else:
             source = _time_source(table, time)
             times = [_to_ns(part, source) for part in select(table, source.source)]
+            apart = np.concatenate([np.diff(part) for part in times]) / NANOSECONDS
+            step = float(np.median(apart)) if apart.size >= _FEWEST else _STEPS_S[1]
+            taken = time is None and source.scale == 1.0  # for seconds
+            if taken and not _STEPS_S[0] <= step <= _STEPS_S[1]:
+                raise BagError(
+                    f'the times of column {source.source} are {step:.3g} s apart: in which unit?'
+                    f' (--time {source.source} of seconds, {source.source}*0.001 of milliseconds,'
+                    f' {source.source}*86400 of days)'
+                )
         clocks = dict.fromkeys(runs, times) | clocks
     # From 1 s where the times begin near zero; runs one behind the other.
     begin_ns, several = NANOSECONDS, max(len(clock) for clock in clocks.values()) > 1
@@ -232,7 +256,23 @@ def _to_ns(column: NDArray[Any], source: ChannelSource) -> NDArray[np.int64]:
     backwards = np.flatnonzero(np.diff(stamps) < 0)
     if backwards.size:
         raise BagError(f'{source.source} goes backwards in row {backwards[0] + 1}')
-    return stamps
+    return _spread(stamps)
+
+
+def _spread(stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the stamps of a coarse clock, in order, spread evenly over its ticks."""
+    begins = np.flatnonzero(np.diff(stamps_ns, prepend=stamps_ns[:1] - 1))
+    counts = np.diff(begins, append=stamps_ns.size)
+    if begins.size < _TICKS or stamps_ns.size - begins.size <= _SHARED * stamps_ns.size:
+        return stamps_ns
+    steps = np.diff(stamps_ns[begins])
+    tick = float(np.median(steps))
+    widths = np.minimum(np.append(steps, tick), tick)
+    shares = np.maximum(counts, np.median(counts))  # the last tick was cut short
+    place = np.arange(stamps_ns.size) - np.repeat(begins, counts)
+    place[: counts[0]] += int(shares[0] - counts[0])  # and the first one began before
+    later: NDArray[np.int64] = np.rint(place * np.repeat(widths / shares, counts)).astype(np.int64)
+    return stamps_ns + later
 
 
 def _plain(unit: str) -> str:

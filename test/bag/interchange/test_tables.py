@@ -467,3 +467,46 @@ def test_a_tdms_file_that_was_cut_says_so(tmp_path: Path, capfd) -> None:
     np.testing.assert_array_equal(record['lateral'].values, np.tile(values, 2)[:900])
     assert 'was cut' in record.notes['left_out']
     assert not capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('rate', 'ticks', 'off_s'), [(1200, 1e3, 1e-3), (5000, 1e3, 1e-9), (200, 1, 1e-9)]
+)
+def test_samples_of_a_coarse_clock_are_spread_over_its_ticks(
+    tmp_path: Path, rate: int, ticks: float, off_s: float
+) -> None:
+    """A logger of 5 kHz that writes milliseconds; one of 200 Hz that writes seconds."""
+    times = 0.3 + np.arange(12 * rate) / rate
+    file = tmp_path / 'daq.csv'
+    told = np.floor(times * ticks + 1e-6) / ticks
+    file.write_text('t,lateral\n' + ''.join(f'{time:.3f},0.001\n' for time in told))
+    stamps = load_record(file)['lateral'].stamps_ns * 1e-9
+    assert np.abs(stamps - stamps[0] - (times - times[0])).max() <= off_s
+    assert np.diff(stamps).min() > 0.0
+
+
+@pytest.mark.parametrize('code', ['-9999', '9999.9', '-1e30', '3.4e38'])
+def test_a_code_for_no_reading_is_no_number(tmp_path: Path, code: str) -> None:
+    file = tmp_path / 'daq.csv'
+    cells = ['0.001', '-0.002', code, '0.003'] * 20
+    file.write_text(
+        'lateral,speed\n' + ''.join(f'{cell},{900 + 99 * (cell == code)}\n' for cell in cells)
+    )
+    record = load_record(file, rate_hz=100.0)
+    assert np.isnan(record['lateral'].values).tolist() == [cell == code for cell in cells]
+    # A number that others come near to is one.
+    assert record['speed'].values.max() == 999.0
+
+
+@pytest.mark.parametrize(
+    ('step', 'start', 'unit'), [(1.0, 0.0, 1e-3), (5.0, 12.0, 1e-3), (1e-7, 45_000.5, 86_400)]
+)
+def test_times_in_milliseconds_or_days_are_not_taken_for_seconds(
+    tmp_path: Path, step: float, start: float, unit: float
+) -> None:
+    file = tmp_path / 'daq.csv'
+    rows = (f'{start + step * row:.12f},0.001\n' for row in range(100))
+    file.write_text('time,lateral\n' + ''.join(rows))
+    with pytest.raises(BagError, match='in which unit'):
+        load_record(file)
+    assert load_record(file, time=f'time*{unit}')['lateral'].values.size == 100
