@@ -42,7 +42,9 @@ class IdentificationSettings(Rig):
     """
 
     ignore: tuple[tuple[float, float, int], ...] = ()
-    minimum_hold_s: float = setting(8.0, 'shortest hold of the speed', unit='s', low=1e-300)
+    minimum_hold_s: float = setting(
+        8.0, 'shortest hold of the speed', unit='s', low=1e-300, high=1e6
+    )
     seed: int = setting(0, 'of everything random', low=0)
     cluster: str = ''
 

@@ -433,7 +433,7 @@ def _read_tdms(path: Path) -> Table:
             for name in [f'{channel.group_name}/{channel.name}', *short]:
                 table[name] = channel[:]
                 table.units[name] = str(about.get('unit_string', ''))
-                if (step := about.get('wf_increment', 0.0)) > 0.0:
+                if 0.0 < (step := about.get('wf_increment', 0.0)) < 1e3:
                     begin = np.datetime64(about.get('wf_start_time', 0), 'ns').astype(np.int64)
                     offset = about.get('wf_start_offset', 0.0) + step * np.arange(len(channel))
                     table.stamps_ns[name] = begin + np.rint(offset * 1e9).astype(np.int64)
