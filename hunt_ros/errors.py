@@ -42,9 +42,9 @@ def one_line(error: BaseException) -> str:
     return text if isinstance(error, HuntError) else f'{type(error).__name__}: {text}'
 
 
-#: Libraries that only a part needs: recordings, the page. No package of Ubuntu or of ROS
-#: brings all of a part.
-_BY_PIP = ('rosbags mcap lz4 zstandard', 'tornado')
+#: Libraries that only a part needs: recordings, the page, a format of tables. No package of
+#: Ubuntu or of ROS brings all of a part.
+_BY_PIP = ('rosbags mcap lz4 zstandard', 'tornado', 'pyarrow', 'nptdms', 'pymatreader h5py')
 
 
 def not_installed(error: BaseException) -> str:

@@ -35,7 +35,6 @@ STORAGES: dict[str, type[McapFile] | type[SqliteFile]] = {'.mcap': McapFile, '.d
 
 #: Left free where a compressed file is expanded, bytes.
 _RESERVE = 1 << 28
-_LARGEST_METADATA = 1 << 24
 #: Name of a clip: recording, time, code of the alarm (a letter, where files of recordings count).
 CLIP = re.compile(r'clip_(.+)_\d{8}_\d{6}_[^\W\d]\w*\.mcap')
 _Loader: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
@@ -320,8 +319,6 @@ def read_metadata(path: Path) -> dict[str, Any]:
         If it cannot be read, or is of a version newer than this reader.
     """
     try:
-        if path.stat().st_size > _LARGEST_METADATA:
-            raise BagError(f'{path}: {path.stat().st_size} bytes, too large for a description')
         document = yaml.load(path.read_text(encoding='utf-8'), Loader=_Loader)
         info = dict(document['rosbag2_bagfile_information'])
         version = int(info['version'])

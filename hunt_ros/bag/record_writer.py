@@ -110,7 +110,7 @@ def record_rows(
     for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         rows = []
         for name, whole in series.items():
-            part = _between(whole, first, last)
+            part = whole.between(first, last)
             rows.append(Rows(keys[name], part.stamps_ns, serialise(name, part)))
         yield rows
 
@@ -156,11 +156,3 @@ def _template(channel: str) -> bytes:
         )
         message = types[kind](header=header, twist=twist)
     return bytes(store.serialize_cdr(message, kind, little_endian=True))
-
-
-def _between(series: Series, first: int, last: int) -> Series:
-    stamps = series.stamps_ns
-    if (stamps[1:] >= stamps[:-1]).all():
-        begin, end = np.searchsorted(stamps, [first, last])
-        return Series(stamps[begin:end], series.values[begin:end])
-    return series.between(first, last)

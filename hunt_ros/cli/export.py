@@ -17,7 +17,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add = partial(options.add, parser)
     add('bag', type=Path, help='the recording')
-    add('out', type=Path, help='.csv, .parquet or .npz; must not exist')
+    add('out', type=Path, help='.csv or .parquet; must not exist')
     add('--channel', help='column and topic.field; repeatable (default: all channels of a rig)')
     add('--rig', '--from', '--to', '--json')
 

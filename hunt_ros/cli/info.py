@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from hunt_ros.bag.inspection import Inspection, inspect
 from hunt_ros.bag.repair import Repair, repair
@@ -38,9 +39,8 @@ def run(arguments: argparse.Namespace) -> int:
             raise
         unreadable = str(error)
     repaired = repair(arguments.bag, arguments.repair) if arguments.repair else None
-    document: dict[str, object] = (
-        found.to_json() if found is not None else {'problems': [_unreadable(unreadable)]}
-    )
+    problem = {'kind': 'damaged_file', 'text': unreadable, 'time_s': None}
+    document: dict[str, Any] = {'problems': [problem]} if found is None else found.to_json()
     lines = [unreadable] if found is None else _lines(found)
     if repaired is not None:
         document['repair'] = _repair_json(repaired)
@@ -49,10 +49,6 @@ def run(arguments: argparse.Namespace) -> int:
     if repaired is not None:
         return 1 if repaired.left_out else 0
     return 1 if found is not None and found.problems else 0
-
-
-def _unreadable(text: str) -> dict[str, object]:
-    return {'kind': 'damaged_file', 'text': text, 'time_s': None}
 
 
 def _repair_json(repaired: Repair) -> dict[str, object]:

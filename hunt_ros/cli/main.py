@@ -34,14 +34,10 @@ VERBS: dict[str, str] = {
     'normal-form': 'compute critical speed and normal form of a rig from its parameters',
     'info': 'say what is in a recording and what is wrong with it; --repair: save what is sound',
     'import': 'turn a CSV, MATLAB, NumPy, TDMS or Parquet file, or a foreign bag, into a bag',
-    'export': 'write channels of a recording as CSV, Parquet or NumPy arrays',
+    'export': 'write channels of a recording as CSV or Parquet',
     'calibrate': 'calibrate a sensor: known displacements in, gain and offset out',
     'compile': 'compile the kernels once, so that no first run waits (make install does it)',
 }
-
-
-class _UsageError(Exception):
-    """What is wrong with the words of a command."""
 
 
 class _OneLineParser(argparse.ArgumentParser):
@@ -60,7 +56,7 @@ class _OneLineParser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Refuse the command line in one line."""
-        raise _UsageError(f'{self.prog}: {message} (see {self.prog} --help)')
+        raise HuntError(f'{message} (see {self.prog} --help)')
 
 
 def module_of(verb: str) -> Any:
@@ -125,8 +121,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         say(lambda text: print(f'{name}: {text}', file=sys.stderr, flush=True))
         code: int = parsed.run(parsed)
         return code
-    except _UsageError as error:
-        return _ended(str(error), 2)
     except HuntError as error:
         return _ended(f'{name}: {error}', 2)
     except BrokenPipeError:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -36,7 +35,7 @@ def export_file(
     to_s: float | None = None,
 ) -> int:
     """
-    Write channels of a recording as CSV, Parquet or NumPy arrays.
+    Write channels of a recording as CSV or Parquet.
 
     A row a stamp; a channel that has no sample at a stamp leaves its cell empty, a
     sample that is not a number is written as nan.
@@ -48,7 +47,7 @@ def export_file(
     path : str or Path
         The recording.
     out : str or Path
-        File to make: .csv, .parquet or .npz. It has its name only when complete.
+        File to make: .csv or .parquet. It has its name only when complete.
     channels : mapping or sequence
         Any names and fields: `{'a': '/rig/hunting/amplitude.position[0]'}`. Without any,
         the measurements of the rig.
@@ -90,12 +89,7 @@ def export_file(
     if not stamps.size:
         lasts_s = (last - origin) / NANOSECONDS
         raise BagError(f'{path}: no samples in this time, it lasts {lasts_s:.3f} s')
-    try:
-        write_whole(out, lambda file: writer(file, stamps, columns), 'table')
-    except ImportError as error:
-        raise BagError(
-            f'{out}: {error.name} is not installed (pip install "hunt_ros[parquet]")'
-        ) from error
+    write_whole(out, lambda file: writer(file, stamps, columns), 'table')
     return int(stamps.size)
 
 
@@ -158,17 +152,7 @@ def _write_parquet(path: Path, stamps: NDArray[np.int64], columns: Mapping[str, 
     parquet.write_table(pyarrow.table(data), path)
 
 
-def _write_numpy(path: Path, stamps: NDArray[np.int64], columns: Mapping[str, Column]) -> None:
-    arrays = {_STAMPS: stamps} | {n: column.filled(np.nan) for n, column in columns.items()}
-    # Not np.savez: its own arguments are names that a column may have.
-    with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED) as archive:
-        for name, array in arrays.items():
-            with archive.open(f'{name}.npy', 'w', force_zip64=True) as file:
-                np.lib.format.write_array(file, array, allow_pickle=False)
-
-
 _WRITERS: dict[str, Callable[[Path, NDArray[np.int64], Mapping[str, Column]], None]] = {
     '.csv': _write_csv,
     '.parquet': _write_parquet,
-    '.npz': _write_numpy,
 }

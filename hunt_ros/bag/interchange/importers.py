@@ -19,15 +19,14 @@ from hunt_ros.errors import BagError
 from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series, different
 from hunt_ros.sensors import UNITS, si_of
 
+#: Units of a time, s; names that have one behind.
+TIME_UNITS: dict[str, float] = {'ns': 1e-9, 'us': 1e-6, 'ms': 1e-3, 's': 1.0, 'min': 60.0}
+_CLOCKS = ('stamp', 'time', 't')
 #: Column names that mean the time, and their unit in seconds, where the file does not tell it.
 TIMES: dict[str, float] = {
-    'stamp_ns': 1e-9, 'time_ns': 1e-9, 't_ns': 1e-9, 'time_us': 1e-6, 't_us': 1e-6,
-    'time_ms': 1e-3, 't_ms': 1e-3, 'time_s': 1.0, 't_s': 1.0, 'time': 1.0, 't': 1.0,
-    'timestamp': 1.0, 'seconds': 1.0, 'x_value': 1.0,
-}  # fmt: skip
-
-#: Units of a time, s.
-TIME_UNITS: dict[str, float] = {'ns': 1e-9, 'us': 1e-6, 'ms': 1e-3, 's': 1.0, 'min': 60.0}
+    **{f'{name}_{unit}': size for name in _CLOCKS for unit, size in TIME_UNITS.items()},
+    **dict.fromkeys(('time', 't', 'timestamp', 'seconds', 'x_value'), 1.0),
+}
 #: Between two runs of an array of structures, s.
 RUN_GAP_S = 3.0
 #: Where more samples than this share of all have the time of another one, its clock is coarse:
@@ -90,11 +89,8 @@ def load_record(
         series, mapping = _channels(table, mapping, rate_hz, time)
     except BagError as error:
         raise BagError(f'{path}: {error}') from error
-    notes = {'source': Path(path).name}
-    if assumed := _assumed(table, mapping):
-        notes['units_assumed'] = assumed
-    if table.left_out:
-        notes['left_out'] = table.left_out
+    told = {'units_assumed': _assumed(table, mapping), 'left_out': table.left_out}
+    notes = {'source': Path(path).name} | {name: text for name, text in told.items() if text}
     record = Record(with_constants(series, mapping, str(path)), str(path), notes)
     refuse_years(record.start_ns, record.end_ns, str(path))
     return record
@@ -218,7 +214,7 @@ def _time_source(table: Table, time: str | None) -> ChannelSource:
     if not usual and not dates:
         unread = [str(column) for column in table.values() if isinstance(column, BagError)]
         raise BagError(
-            f'no column of times ({", ".join(TIMES)}), expected one, or the'
+            'no column of times (t, time or stamp, with its unit behind), expected one, or the'
             ' sample rate (--rate), or --time COLUMN' + ''.join(f'; {why}' for why in unread[:1])
         )
     if not usual:

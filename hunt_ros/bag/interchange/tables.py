@@ -67,7 +67,7 @@ def load_table(path: str | Path) -> Table:
     Raises
     ------
     BagError
-        If it cannot be read, its format is unknown, or a package for it is missing.
+        If it cannot be read, or its format is unknown.
     """
     file = Path(path)
     ending = file.suffix.lower()
@@ -81,11 +81,8 @@ def load_table(path: str | Path) -> Table:
             raise BagError('holds no numbers')
     except BagError as error:
         raise BagError(f'{path}: {error}') from error
-    except ImportError as error:
-        extra = {'.tdms': 'tdms', '.parquet': 'parquet'}.get(ending, 'matlab73')
-        raise BagError(
-            f'{path}: {error.name} is not installed (pip install "hunt_ros[{extra}]")'
-        ) from error
+    except ImportError:  # who runs this says what to install
+        raise
     except Exception as error:  # foreign readers raise what they meet in a damaged file
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise BagError(f'{path}: cannot be read as {file.suffix} ({reason:.120})') from error
@@ -465,12 +462,7 @@ def _read_parquet(path: Path) -> Mapping[str, Any]:
 
 
 _READERS: dict[str, Callable[[Path], Mapping[str, Any]]] = {
-    '.csv': _read_csv,
-    '.txt': _read_csv,
-    '.tsv': _read_csv,
-    '.dat': _read_csv,
-    '.asc': _read_csv,
-    '.lvm': _read_csv,
+    **dict.fromkeys(('.csv', '.txt', '.tsv', '.dat', '.asc', '.lvm'), _read_csv),
     '.mat': _read_matlab,
     '.npy': _read_numpy,
     '.npz': _read_numpy,

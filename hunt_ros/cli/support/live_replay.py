@@ -7,7 +7,6 @@ import math
 import tempfile
 import time
 from collections.abc import Iterable
-from itertools import chain
 from pathlib import Path
 
 from hunt_ros.cli.support import options
@@ -22,7 +21,6 @@ from hunt_ros.rig import parameters_of
 from hunt_ros.samples import CHANNELS, Record
 from hunt_ros.settings import Settings
 
-_DETECTOR = 'hunting_detector'
 #: Estimates that are still under way when the last sample has been played.
 _AFTER_S = 2.0
 
@@ -63,7 +61,7 @@ def replay_live(
                     begun = True
                     if line.get('listening') == 'False':
                         view.say('no node listens: starting a detector for this replay')
-                        own = {_DETECTOR: detector}
+                        own = {'hunting_detector': detector}
                         start_nodes(supervisor, [*own], {}, own, _files(arguments))
                     if page is not None:
                         beside = arguments.bag.resolve().parent
@@ -95,9 +93,12 @@ def _detector(
 ) -> dict[str, object]:
     """Return the parameters of a detector that fits the recording, for where none is running."""
     config, _ = config_for(record, DetectorConfig())
-    given = {name: value for kind in settings for name, value in vars(kind).items()}
-    names = (parameters_of(_DETECTOR, text, source) for source, text in arguments.set)
-    asked = {name: given[name] for name in chain.from_iterable(names)}
+    told: dict[str, object] = {}
+    for source, text in arguments.set:
+        told |= parameters_of('hunting_detector', text, source)
+    asked = {
+        name: value for kind in settings for name, value in vars(kind).items() if name in told
+    }
     return {'use_sim_time': True, 'channels': config.channels, **asked}
 
 

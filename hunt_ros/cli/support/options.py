@@ -315,9 +315,8 @@ def add_set(parser: argparse.ArgumentParser, example: str, **nodes: _Kinds) -> N
         """Return the text of a word, or refuse it."""
         name, equals, value = word.partition('=')
         if not equals or name not in known:
-            near = difflib.get_close_matches(name, known, 1, 0.7) if equals else ()
-            expected = near[0] if near else f'one of {", ".join(sorted(known))}'
-            raise argparse.ArgumentTypeError(f'{word}: expected NAME=VALUE with {expected}')
+            expected = f'expected NAME=VALUE with one of {", ".join(sorted(known))}'
+            raise argparse.ArgumentTypeError(f'{word}: {expected}')
         node, item = known[name]
         if not value.strip():  # lines= is a list without a line
             value = '[]' if isinstance(item.default, tuple) else "''"
