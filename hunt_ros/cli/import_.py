@@ -48,18 +48,17 @@ def run(arguments: argparse.Namespace) -> int:
         name: {'samples': len(series), 'rate_hz': known(series.rate_hz)}
         for name, series in record.items()
     }
-    assumed = record.notes.get('units_assumed', '')
     written = {
         'bag': str(path),
         'duration_s': record.duration_s,
         'channels': channels,
-        'units_assumed': assumed,
+        'units_assumed': record.notes.get('units_assumed', ''),
         'left_out': record.notes.get('left_out', ''),
     }
     parts = ', '.join(f'{name} {len(series)}' for name, series in record.items())
     said = f'{path}: {record.duration_s:.1f} s, samples: {parts}'
-    if assumed:
-        said += f'; the file tells no unit, assumed: {assumed}'
+    if written['units_assumed']:
+        said += f'; the file tells no unit, assumed: {written["units_assumed"]}'
     for either in lacking(record):
         said += f'; no {" or ".join(either)} is in it'
     if written['left_out']:

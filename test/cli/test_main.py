@@ -11,7 +11,7 @@ from made import PAPER
 from hunt_ros.bag import read_record
 from hunt_ros.cli.main import VERBS, main, module_of, parser_of
 from hunt_ros.cli.support.options import settings_of
-from hunt_ros.cli.support.output import write_json
+from hunt_ros.cli.support.output import tell, write_json
 from hunt_ros.detection import DetectorConfig
 from hunt_ros.detection.output import EVENT_NUMBERS
 from hunt_ros.samples import known
@@ -156,3 +156,11 @@ def test_the_services_of_the_table_stand_in_the_page_of_the_topics() -> None:
     page = (Path(__file__).parents[2] / 'docs/topics.md').read_text(encoding='utf-8')
     for word, service in SERVICES.items():
         assert f'| `{word}` | `{service.name}` | {service.does} |' in page
+
+
+def test_a_reader_that_goes_away_leaves_the_json_that_was_asked_for(tmp_path, monkeypatch) -> None:
+    """`hunt check BAG --json found.json | head -1`: the file is the result."""
+    monkeypatch.setattr('builtins.print', lambda text: (_ for _ in ()).throw(BrokenPipeError))
+    with pytest.raises(BrokenPipeError):
+        tell(str(tmp_path / 'found.json'), lambda: {'found': 1}, lambda: 'found')
+    assert json.loads((tmp_path / 'found.json').read_text()) == {'found': 1}

@@ -53,10 +53,10 @@ def tell(
     document, text : callable
         Return it.
     """
+    if target:  # first: a reader that goes away (`hunt ... | head`) ends the printing
+        write_json(document(), target)
     if target != '-':
         print(text())
-    if target:
-        write_json(document(), target)
 
 
 def _plain(value: Any) -> Any:
