@@ -32,6 +32,8 @@ _FASTEST = 2.2
 _REACH, _BAND = 3.0, 5.0
 #: A record with fewer than one value in so many places is silence: its clock was set ahead.
 _SILENT = 100
+#: Between two readings of the encoder so far apart, s, nobody knows how the roller turned.
+_GAP_S = 3.0
 #: Samples in a period of the highest frequency that is looked at.
 _SAMPLES = 8.0
 
@@ -156,7 +158,7 @@ def turns_per_metre(record: Record, diameter_m: float) -> float:
     running = np.abs(_at(speed, encoder.stamps_ns.astype(np.float64)))
     step = np.diff(encoder.stamps_ns) * 1e-9
     turned, way = np.diff(angle), 0.5 * (running[1:] + running[:-1]) * step
-    both = np.isfinite(turned) & np.isfinite(way) & (step > 0.0)
+    both = np.isfinite(turned) & np.isfinite(way) & (step > 0.0) & (step < _GAP_S)
     covered = float(way[both].sum())
     return (
         abs(float(turned[both].sum())) / (2.0 * math.pi * covered) if covered > 0.0 else math.nan

@@ -10,7 +10,8 @@ from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Corners, Profile
 from hunt_ros.dynamics.simulation import Kick, simulate
 from hunt_ros.estimation.record_lines import RecordLines
-from hunt_ros.estimation.record_motion import motion_of
+from hunt_ros.estimation.record_motion import motion_of, turns_per_metre
+from hunt_ros.samples import Record, Series
 
 
 @pytest.mark.parametrize('speed', [6.8, 7.4])
@@ -78,3 +79,21 @@ def test_a_record_whose_clock_was_set_ahead_by_years_is_no_motion() -> None:
     seconds = np.arange(6000) / 100.0 + np.where(np.arange(6000) < 3000, 0.0, 1.6e9)
     record = record_of(seconds, lateral=1e-4 * np.cos(2.0 * np.pi * 2.8 * seconds))
     assert motion_of(record) is None
+
+
+@pytest.mark.parametrize('wraps', [False, True])
+def test_the_way_of_a_gap_is_not_guessed(wraps: bool) -> None:
+    """Where the speed changes meanwhile, or the encoder wraps, a known line would be another."""
+    time = np.arange(0.0, 120.0, 0.01)
+    speed = np.where(time < 60.0, 3.0, 6.5)
+    angle = np.cumsum(speed) * 0.01 / 0.15
+    angle = angle % (2.0 * np.pi) if wraps else angle
+    there = np.abs(time - 59.0) > 10.0
+    stamps = 1 + np.rint(time * 1e9).astype(np.int64)
+    record = Record(
+        {
+            'roller': Series(stamps[there], angle[there]),
+            'speed': Series(stamps[there], speed[there]),
+        }
+    )
+    assert turns_per_metre(record, 0.0) == pytest.approx(1.0 / (0.3 * np.pi), rel=1e-3)
