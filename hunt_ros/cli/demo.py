@@ -36,7 +36,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     where = 'where the results go, in a folder of their own (%(default)s)'
     add('--out', type=Path, default=options.RECORDINGS, metavar='DIR', help=where)
     add('--page')
-    add('--keep', **options.FLAG, help='the same, and leave it up after the sweep')
     add('--pace', type=options.number(0.1, 10.0), default=5.0)
     add('--seed', default=1)
 
@@ -58,8 +57,6 @@ def run(arguments: argparse.Namespace) -> int:
                     _start(supervisor, console, view, arguments, folder, form)
                     _sweep(console, view)
                     bag = _close(console, view)
-                    if arguments.keep:
-                        _keep(console, view)
         except KeyboardInterrupt:
             view.say(f'stopped; what was recorded is in {folder}')
             return 130
@@ -89,7 +86,7 @@ def _start(
     common: dict[str, object] = {'use_sim_time': True} if arguments.pace != 1.0 else {}
     suite.start_nodes(supervisor, LISTENERS, common, parameters, [form])
     console.wait_until_up(LISTENERS)
-    if arguments.page is not None or arguments.keep:
+    if arguments.page is not None:
         port = arguments.page or suite.free_port()
         view.say(suite.start_page(supervisor, port, folder, common, [form]))
         console.wait_until_up([PAGE])
@@ -101,17 +98,6 @@ def _start(
         f' {_TIMES_S[-1]:.0f} s, {arguments.pace:g} times as fast as real time.'
         ' The alarm holds the coefficients (33) of the paper.'
     )
-
-
-def _keep(console: Console, view: View) -> None:
-    """Leave everything running until Ctrl-C."""
-    view.say('The page stays up until Ctrl-C; then the results are shown.')
-    try:
-        while True:
-            for _ in console.lines(1.0):
-                pass
-    except KeyboardInterrupt:
-        view.say('ending every node')
 
 
 def _sweep(console: Console, view: View) -> None:

@@ -34,6 +34,8 @@ from hunt_ros.suite import (
 EXAMPLE = 'hunt run --simulated --normal-form bags/paper.yaml --duration 60'
 
 _LOOK_S = 1.0
+#: The roller is where it is safe within this, m/s, as the speed node tells at its end.
+_THERE_MPS = 0.05
 #: DDS gives a domain its ports, and there are no more.
 _LAST_DOMAIN = 232
 #: Up through v_n and v_c of the built-in rig and back: that of config/rig.yaml.
@@ -76,10 +78,11 @@ def run(arguments: argparse.Namespace) -> int:
     rig = options.rig_of(arguments)
     if form:
         options.read_form(form).refuse_other(rig.rig_name, str(form))
+    sources = () if arguments.listen else sources_of(rig.channels)
+    options.refuse_drivers(arguments, sources)
     alarms = options.alarm_outputs_of(arguments)
     options.refuse_place(folder, 'the recordings')
     folder.mkdir(parents=True, exist_ok=True)
-    sources = () if arguments.listen else sources_of(rig.channels)
     # Guards first; then who listens, so that no sample is missed.
     names = (
         *(name for name in (DRIVE,) if name in sources),
@@ -162,13 +165,12 @@ def _end(supervisor: Supervisor, console: Console, view: View) -> bool:
         for _ in console.lines(0.2):
             pass
         speed, safe = (view.drive_mps(name) for name in ('speed_mps', 'safe_speed_mps'))
+        there = speed < safe + _THERE_MPS
+        if there:  # the speed node ends before the detector, which then misses the speed
+            console.hidden = ('hunting/events', '/diagnostics')
         if math.isfinite(speed + safe) and time.monotonic() - told_s > 1.0:
-            told_s, there = time.monotonic(), f'on its way to {safe:.2f} m/s'
-            if speed < safe + 0.01:
-                there = 'where it is safe'
-                # The speed node ends before the detector, which then misses the speed.
-                console.hidden = ('hunting/events', '/diagnostics')
-            view.say(f'the roller is at {speed:.2f} m/s, {there}')
+            told_s, way = time.monotonic(), f'on its way to {safe:.2f} m/s'
+            view.say(f'the roller is at {speed:.2f} m/s, {"where it is safe" if there else way}')
 
     with suppress(OSError):  # a full disk, a terminal that is gone
         view.say('ending every node; Ctrl-C again: at once')

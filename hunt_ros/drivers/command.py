@@ -186,13 +186,12 @@ class RollerCommand:
         self.forced_mps = max(0.0, min(speed_mps, self._begin_mps, self.forced_mps))
         return self.forced_mps
 
-    def rearm(self) -> str:
+    def rearm(self) -> None:
         """End what is forced; its speed is held until a profile is started or resumed."""
         if self.forced:
             # What the drive has never taken is not held: the roller may be slower.
             self._held = None if math.isnan(self._last) else self.forced_mps
             self.forced_mps, self.stopped = math.inf, False
-        return ''
 
     def let_go(self) -> None:
         """Stop the profile and leave the drive alone; what is forced stays in force."""

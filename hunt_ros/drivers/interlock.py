@@ -47,6 +47,10 @@ _ENDED = 3.0
 #: The set point leads the roller by so much on its way down from a refuted safe speed, m/s.
 _LEAD_MPS = 0.5
 
+#: Who looks later than this after the look before was held up itself, s: what it did not hear
+#: meanwhile may be waiting, or the machine stood still. For no longer than a silence may last.
+_LOOKS_S = 0.1
+
 #: Codes (see `alarms`) of what makes it blind, and of what shows that the wheelset moves.
 _BLIND, _SEEN = ('detector', 'inputs', 'drive'), ('displacement', 'amplitude', 'hunting')
 
@@ -211,7 +215,7 @@ class Interlock:
         self._watching = False
         self._unwell_ns = 0  # when all was not well last, before it watched
         self._ill_ns = -1  # for how long it was not, since all was well first; -1: it never was
-        self._judged_ns = 0
+        self._judged_ns = self._held_up_ns = 0  # the last look; lateness of looks since it heard
         self.moving = False
         self._amplitudes: deque[float] = deque(maxlen=_STATUSES)
         self._told = False  # that the motion goes on at the safe speed
@@ -236,7 +240,7 @@ class Interlock:
         before_m = self.heard.quiet_m
         if math.isnan(heard.quiet_m) or (self.moving and heard.quiet_m > before_m):
             heard = replace(heard, quiet_m=before_m)
-        self.heard, self._heard_ns = heard, now_ns
+        self.heard, self._heard_ns, self._held_up_ns = heard, now_ns, 0
         amplitude_m = heard.largest_m
         if not math.isnan(amplitude_m):
             self._amplitudes.append(amplitude_m)
@@ -294,8 +298,9 @@ class Interlock:
         if self._heard_ns is None:
             return 'the detector has not been heard yet'
         limit = self.settings.status_timeout_s
-        silent_s = (now_ns - self._heard_ns) / NANOSECONDS
-        stalled_s = (now_ns - self._moved_ns) / NANOSECONDS
+        held_up_s = min(self._held_up_ns / NANOSECONDS, limit)
+        silent_s = (now_ns - self._heard_ns) / NANOSECONDS - held_up_s
+        stalled_s = (now_ns - self._moved_ns) / NANOSECONDS - held_up_s
         if silent_s > limit:
             return f'the detector is silent for {silent_s:.2f} s, more than {limit:g} s'
         if stalled_s > max(_STALLED_S, limit):
@@ -316,6 +321,7 @@ class Interlock:
             Of the roller; NaN: not known.
         """
         before_ns, self._judged_ns = self._judged_ns, now_ns
+        self._held_up_ns += max(0, now_ns - before_ns - round(_LOOKS_S * NANOSECONDS))
         trouble, troubles = self.trouble(now_ns), list(self._troubles(now_ns))
         blind = any(each.code in _BLIND for each in troubles)
         seen = next((each.words for each in troubles if each.code in _SEEN), '')
@@ -392,12 +398,10 @@ class Interlock:
     def unsafe(self) -> str:
         """Return '' or that the safe speed of the rig is none by the form in force."""
         v_n, given = self.heard.motion.v_n, self.settings.safe_speed_mps
+        if not v_n <= given < math.inf:
+            return ''
         used = f'v_n, {v_n:.3f} m/s: {self.safe_speed_mps():.2f} m/s is used'
-        return (
-            f'safe_speed_mps, {given:g} m/s, is not below {used}'
-            if v_n <= given < math.inf
-            else ''
-        )
+        return f'safe_speed_mps, {given:g} m/s, is not below {used}'
 
     def rearm(self, now_ns: int) -> tuple[Change | None, str]:
         """Arm a tripped interlock again; return the transition, and '' or why not."""

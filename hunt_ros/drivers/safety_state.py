@@ -17,11 +17,6 @@ from hunt_ros.drivers.alarms import Shelved
 from hunt_ros.errors import ConfigError
 
 _MOST_LINES = 200
-#: What a file of any content raises.
-_DAMAGED = (
-    *(ArithmeticError, AttributeError, LookupError, OSError),
-    *(RecursionError, TypeError, ValueError),
-)
 
 
 @dataclass(frozen=True)
@@ -94,6 +89,6 @@ def read(path: Path) -> SafetyState | None:
         state.to_json()  # what is read can be written again
     except FileNotFoundError:
         return None
-    except _DAMAGED as error:
+    except Exception as error:  # what a file of any content raises
         raise ConfigError(f'{path}: cannot read the safety state ({error})') from error
     return state

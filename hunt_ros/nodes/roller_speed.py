@@ -416,6 +416,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             lasts_s = min(ramp_s + _ENDING_S, self.winding_s - 1.0)
         self._ends_s = max(self._ends_s, self._asked_s + lasts_s)
         if guard.measured_mps <= safe_mps + _THERE_MPS:
+            self._report()  # the last that is heard of it
             return True
         if now_s > self._ends_s:
             runs = f'may still run at {speed_mps:.2f} m/s, expected {safe_mps:.2f} m/s'
@@ -456,11 +457,8 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             'refused_set_points': guard.refused,
             'interlock': guard.interlock.state,
         }
-        refused = self._new('refused', guard.refused)
         level, text = self._present()
-        if level == 'OK' and refused:
-            level, text = 'WARN', f'{refused} set points were refused'
-        elif level == 'OK' and self._active.is_set():
+        if level == 'OK' and self._active.is_set():
             text = f'{guard.readings.speed_mps:.2f} m/s'
         return level, text, values
 

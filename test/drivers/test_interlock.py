@@ -315,3 +315,25 @@ def test_a_profile_sees_nothing_of_a_detector_that_is_silent() -> None:
     watched.run(1.0, amplitude_m=2e-4)
     assert watched.interlock.motion(watched.now_ns).amplitude_m == 2e-4
     assert math.isnan(watched.interlock.motion(watched.now_ns + S).amplitude_m)
+
+
+def test_a_guard_that_was_held_up_itself_tells_no_silence_of_others() -> None:
+    """It or the whole machine stood still for half a second: what came meanwhile waits."""
+    watched = Watched(status_timeout_s=0.3)
+    watched.run(5.0)
+    watched.now_ns += S // 2
+    assert watched.silence(0.06) == ''
+    assert watched.run(1.0) == ''
+    watched.now_ns += S // 2
+    assert watched.silence(0.3) == 'interlock_tripped', 'the detector has died meanwhile'
+
+
+def test_a_guard_that_is_always_late_still_finds_a_silence() -> None:
+    watched = Watched(status_timeout_s=0.3)
+    watched.run(5.0)
+    died_ns, events = watched.now_ns, []
+    while not (tripped := watched.names(events)):
+        watched.now_ns += S // 5
+        events.append(watched.interlock.judge(watched.now_ns))
+    assert tripped == 'interlock_tripped'
+    assert watched.now_ns - died_ns <= 0.81 * S, 'twice the limit, and the look after'

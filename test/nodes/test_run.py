@@ -48,6 +48,14 @@ def test_a_run_with_the_form_of_another_rig_starts_nothing(tmp_path, capsys) -> 
     assert not (tmp_path / 'recordings').exists()
 
 
+def test_a_run_with_a_driver_that_is_not_there_starts_nothing(tmp_path, capsys) -> None:
+    rig = tmp_path / 'rig_file.yaml'
+    rig.write_text('yaw_sensor: {ros__parameters: {driver: nidaq}}\n')
+    assert main(['run', '--rig', str(rig), '--directory', str(tmp_path / 'recordings')]) == 2
+    assert "driver 'nidaq': unknown, those there are" in capsys.readouterr().err
+    assert not (tmp_path / 'recordings').exists()
+
+
 def test_a_second_run_of_a_rig_starts_nothing_that_the_first_one_could_see(
     tmp_path, domain, capsys
 ) -> None:

@@ -25,6 +25,7 @@ DEPTH = 'qos_overrides./rig/lateral.subscription.depth'
     [
         ('lateral_sensor', {'sample_rate_hz': 5.0}, 'Parameter sample_rate_hz out of range'),
         ('lateral_sensor', {'driver': 'telepathy'}, "'telepathy': unknown, those there are:"),
+        ('yaw_sensor', {'sample_rate': 200.0}, "'sample_rate', expected sample_rate_hz"),
         ('axle_box_sensor', {}, "driver simulated: no channel 'axle_box', it has lateral, yaw"),
         ('yaw_sensor', {'calibration': 'table.yaml'}, "table.yaml: unknown key 'table'"),
         ('roller_speed', {'driver': 'modbus'}, 'neither actual_register nor encoder_register'),

@@ -278,7 +278,7 @@ def test_what_guards_nothing_is_started_again_and_the_roller_turns_on(run, graph
     rig.until_safe()
     assert 'on its way to 5.9' in rig.screen, rig.screen
     # What the last nodes miss of those that have ended is no news.
-    assert 'SENSOR FAULT' not in rig.screen.partition('where it is safe')[2], rig.screen
+    assert 'INPUT STALE' not in rig.screen.partition('where it is safe')[2], rig.screen
 
 
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP])

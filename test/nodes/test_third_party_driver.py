@@ -41,7 +41,6 @@ def test_the_driver_of_the_docs_is_found_read_and_read_again_after_a_loss(
             driver='lab_amplifier',
             address='127.0.0.1',
             stream_port=amplifier.getsockname()[1],
-            telepathy=1,
         )
         connections: list[socket.socket] = []
 
@@ -62,6 +61,3 @@ def test_the_driver_of_the_docs_is_found_read_and_read_again_after_a_loss(
             connection.close()
     stamps = [to_ns(message.header.stamp) for message in heard]
     assert (np.diff(stamps) > 0).all()
-    log = graph.log('lateral_sensor').read_text()
-    assert "unknown parameter 'telepathy'" in log
-    assert "unknown parameter 'address'" not in log

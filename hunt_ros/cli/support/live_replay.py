@@ -20,6 +20,7 @@ from hunt_ros.detection.offline import config_for
 from hunt_ros.rig import parameters_of
 from hunt_ros.samples import CHANNELS, Record
 from hunt_ros.settings import Settings
+from hunt_ros.suite import PAGE
 
 #: Estimates that are still under way when the last sample has been played.
 _AFTER_S = 2.0
@@ -68,7 +69,7 @@ def replay_live(
                         view.say(start_page(supervisor, page, beside, {}, _files(arguments)))
                 if line.get('finished') == 'True' and not played:
                     played = True
-                    if page is None:
+                    if PAGE not in supervisor.pids():  # none was asked for, or its port is taken
                         ends = time.monotonic() + _AFTER_S
                     else:
                         view.say('the recording has been played; Ctrl-C ends the page')

@@ -12,13 +12,14 @@ import difflib
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from hunt_ros.errors import ConfigError, HuntError
 from hunt_ros.settings import Settings
+from hunt_ros.suite import DRIVE
 
 if TYPE_CHECKING:
     from hunt_ros.bag import ChannelSource
@@ -395,6 +396,17 @@ def alarm_outputs_of(arguments: argparse.Namespace) -> dict[str, AlarmOutput]:
     from hunt_ros.drivers.alarm_output import AlarmSettings
 
     return AlarmSettings.told(rig_texts(arguments))
+
+
+def refuse_drivers(arguments: argparse.Namespace, nodes: Collection[str]) -> None:
+    """Refuse a driver that is not there: `--rig` names it for one of these nodes."""
+    from hunt_ros.drivers.base import driver_class
+    from hunt_ros.rig import parameters_of
+
+    for source, text in rig_texts(arguments):
+        for node in nodes:
+            if driver := parameters_of(node, text, source).get('driver'):
+                driver_class(str(driver), 'Drive' if node == DRIVE else 'Sensor')
 
 
 def rig_texts(arguments: argparse.Namespace) -> list[tuple[str, str]]:

@@ -26,7 +26,7 @@ class NodeSpec:
     module : str
         Module of `hunt_ros.nodes`; the name of the process where it is several.
     parameters : mapping
-        ROS parameters; values as YAML takes them.
+        ROS parameters.
     parameter_files : sequence of Path
         ROS parameter files, read before `parameters`.
     piped : bool
@@ -54,7 +54,7 @@ class NodeSpec:
         for path in self.parameter_files:
             words += ['--params-file', str(path)]
         for name, value in self.parameters.items():
-            words += ['-p', f'{name}:={_yaml(value)}']
+            words += ['-p', f'{name}:={json.dumps(value)}']
         return words
 
 
@@ -116,16 +116,3 @@ def require_ros() -> None:
         raise HuntError(
             'rclpy is not installed: source a ROS 2 set-up, or pip install "hunt_ros[ros]"'
         )
-
-
-def _yaml(value: object) -> str:
-    """Write a parameter value the way ROS reads it from a command line."""
-    if isinstance(value, bool):
-        return 'true' if value else 'false'
-    if isinstance(value, list | tuple):
-        return '[' + ', '.join(_yaml(each) for each in value) + ']'
-    if isinstance(value, float):
-        # ROS reads 7 as an integer and then refuses it for a float parameter.
-        text = repr(value)
-        return text if any(mark in text for mark in '.einf') else f'{text}.0'
-    return json.dumps(value) if isinstance(value, str) else str(value)

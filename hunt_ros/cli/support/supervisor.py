@@ -186,15 +186,9 @@ class Supervisor:
     @cached_property
     def logs(self) -> Path:
         """Folder with the logs of this run; those of other runs stay."""
-        path = base = self._log_directory / f'{datetime.now():%Y%m%d_%H%M%S}'
-        number = 0
-        while True:
-            try:
-                path.mkdir(parents=True)
-                return path
-            except FileExistsError:
-                number += 1
-                path = base.with_name(f'{base.name}_{number}')
+        path = self._log_directory / f'{datetime.now():%Y%m%d_%H%M%S_%f}'
+        path.mkdir(parents=True)
+        return path
 
     def start(
         self,

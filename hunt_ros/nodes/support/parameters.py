@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, replace
 from functools import partial
@@ -125,13 +126,14 @@ def _take(groups: Sequence[_Group], parameters: Sequence[Parameter]) -> SetParam
     return SetParametersResult(successful=True)
 
 
-def warn_unknown(node: Node) -> None:
-    """Name every parameter that was given to the node but means nothing to it."""
+def refuse_unknown(node: Node) -> None:
+    """Refuse a parameter that was given to the node but means nothing to it: ConfigError."""
     for name in sorted(node._parameter_overrides):  # rclpy has no public list of them
         foreign = name.startswith(('qos_overrides.', _FORM))
         # The rig is described to all nodes, and each takes what it needs.
         if not node.has_parameter(name) and not foreign and name not in RIG:
-            node.get_logger().warning(f'unknown parameter {name!r} is ignored')
+            near = difflib.get_close_matches(name, node._parameters, 1) or ['another']
+            raise ConfigError(f'unknown parameter {name!r}, expected {near[0]}')
 
 
 def read_wheelset(path: str) -> RigParameters:

@@ -26,7 +26,7 @@ from rclpy.signals import SignalHandlerOptions
 from hunt_ros.errors import HuntError
 from hunt_ros.nodes.support.ending import CLOSING_S, Ending
 from hunt_ros.nodes.support.node import ManagedNode, SuiteNode
-from hunt_ros.nodes.support.parameters import warn_unknown
+from hunt_ros.nodes.support.parameters import refuse_unknown
 
 _SPIN_S = 0.05
 #: The system signals the death of who started this process before all its threads have gone, and
@@ -79,7 +79,7 @@ def run(
     try:
         for make_node in makers:
             nodes.append(make_node())
-            warn_unknown(nodes[-1])
+            refuse_unknown(nodes[-1])
             _start(nodes[-1])
         for node in nodes:
             executor.add_node(node)
