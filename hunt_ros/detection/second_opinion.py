@@ -10,15 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import B1, F1, F2, HAVE_COMPILER, R1, compiled, compiled_part
+from hunt_ros.compiled import B1, F1, R1, compiled, compiled_part
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.estimation.hilbert import HilbertEnvelope
-from hunt_ros.records import zeros
 
 _F = NDArray[np.float64]
 
@@ -29,27 +27,15 @@ _SIGMA, _SHARE = 4.0, 0.15
 _PERIODS = 10.0
 #: What the hunting left in a phasor at the start is forgotten after so many of these times.
 _SETTLED = 3.0
-#: A sensor shows nothing any more where, beyond white noise, its readings have less than this part
-#: of the power of the lines that were learnt, and no more than so many times the power of that
-#: noise, while the roller turns as fast as it did to within this part. Nothing is known of a line
-#: whose phasor moves by more than this part of its power: it beats with a motion beside it.
-_VANISHED, _WHITE, _STEADY, _WOBBLE = 0.25, 2.0, 0.1, 0.03
+#: A sensor shows nothing any more where its readings have less than this part of the power of
+#: their lines, and no more than so many times that of white noise: a line that is cancelled by a
+#: motion, or beats with one that is not known, leaves other motion. So long as the lines had this
+#: part of the power of all before, and the roller turns as fast as it did to within this part.
+_VANISHED, _WHITE, _MADE_UP, _STEADY = 0.25, 2.0, 0.02, 0.1
+#: Places in the memory of the kernel: whether the lines have vanished; where the phasors begin.
+_GONE, _LINES = 10, 11
 #: Frequencies at which the gain of the envelope is tabulated.
 _FREQUENCIES = 400
-
-
-class _Lines:
-    """What is known of the readings of a sensor and of their lines; `compiled` has its memory."""
-
-    rows: float  # that were taken in
-    offset: float  # mean of the readings
-    before: Annotated[_F, 3]  # the last of them
-    noise: float  # its variance
-    power: float  # mean square of the readings over a period, without their mean
-    white: float  # variance of the noise over a period
-    wobble: float  # mean square of what the phasors move about their means
-    turning: float  # turns per second over the memory
-    gone: bool  # the lines have vanished
 
 
 class SecondOpinion:
@@ -78,21 +64,26 @@ class SecondOpinion:
         self._envelope = HilbertEnvelope(self._rate, low, high, max(0.8, 1.05 / low))
         self._period_ns = config.period_ns
         self._late = round(self._envelope.delay_s * self._rate)
-        self._orders = np.array(orders, dtype=np.float64)
+        self._orders = np.array([0.0, *orders])
         self._memory = _PERIODS * self._rate / config.hunting_frequency_hz
         self._grid = np.linspace(0.0, 0.5 * self._rate, _FREQUENCIES)
         self._gains = self._envelope.gain(self._grid), self._envelope.gain(-self._grid)
-        self._phasors = np.zeros((len(orders), 4))
+        # Rows that were taken in, mean square of the third difference, the three values before;
+        # mean squares over a period of readings, of lines and of the noise; of the readings over
+        # the memory; turns per second over it; whether the lines have vanished; then the phasors
+        # of the lines, the first of which is the mean.
+        self._state = np.zeros(_LINES + 2 * self._orders.size)
+        self._state[_LINES] = np.nan
         self._last_ns: int | None = None
-        self._start_again(math.nan)
+        self._start_again()
 
-    def _start_again(self, offset: float) -> None:
+    def _start_again(self) -> None:
         """Begin anew behind missing rows, from the mean and the lines that there were before."""
         self._envelope.reset()
         # What the envelope is to be compared with, for as many rows as it is late.
         self._said = np.full((4, self._late), np.nan)
-        self._lines = zeros(_Lines, HAVE_COMPILER)
-        self._lines.offset = offset
+        self._state[:_LINES] = 0.0
+        self._state[2:5] = np.nan
 
     def update(
         self,
@@ -142,10 +133,10 @@ class SecondOpinion:
         cuts = np.flatnonzero(steps > self._period_ns).tolist()
         for begin, end in zip([0, *cuts], [*cuts, size], strict=True):
             if begin in cuts:
-                self._start_again(self._lines.offset)
+                self._start_again()
             part = slice(begin, end)
-            known = self._orders, self._memory, self._lines, self._phasors
-            _take_out(means[part], angle[part], turning[part], *known, noise[part], gone[part])
+            tuned = self._orders, self._memory, self._state
+            _take_out(means[part], angle[part], turning[part], *tuned, noise[part], gone[part])
             envelope[part] = self._envelope.update(means[part])
             self._say(count[part], turning[part], *(column[part] for column in said))
             disagree[part] = self._differ(envelope[part], self._envelope.noise_gain * noise[part])
@@ -157,7 +148,7 @@ class SecondOpinion:
     ) -> None:
         """Keep what the envelope of rows of so many readings will be compared with."""
         width = self._rate / (math.pi * self._memory)
-        away = np.abs(hz - np.multiply.outer(self._orders, turning))
+        away = np.abs(hz - np.multiply.outer(self._orders[1:], turning))
         near = np.fmin.reduce(away, axis=0, initial=math.inf)
         taken = width / np.fmax(near, 1e-3 * width)
         # Mean of n samples over a row: sin(x) / (n sin(x / n)), x = pi f T.
@@ -185,71 +176,64 @@ def _take_out(
     turning: R1,
     orders: F1,
     memory: float,
-    lines: _Lines,
-    phasors: F2,
+    state: F1,
     noise: F1,
     gone: B1,
 ) -> None:
     """
     Take mean and lines out of the values of rows, NaN: none; fill in the deviation of their noise.
 
-    White noise of variance s^2 has third differences of 20 s^2, a slow motion has none. Of each
-    phasor: its parts, and their means over the memory.
+    White noise of variance s^2 has third differences of 20 s^2, a slow motion has none.
     """
     for i in range(values.size):
         value = values[i]
         if math.isfinite(value):
-            lines.rows = min(lines.rows + 1.0, _SETTLED * memory)
-            seen = min(lines.rows, memory)
-            last = lines.before
-            third = value - 3.0 * last[0] + 3.0 * last[1] - last[2]
-            last[2], last[1], last[0] = last[1], last[0], value
-            white = third * third / 20.0 if lines.rows > 3.0 else math.nan
-            if math.isnan(lines.offset):  # a sensor reads far from 0 at rest
-                lines.offset = value
-            if math.isfinite(white):
-                lines.noise += (white - lines.noise) / seen
-            value -= lines.offset
-            _look_for_lines(value, white, turning[i], memory, lines, phasors)
-            for k in range(orders.size if math.isfinite(angle[i]) else 0):
-                turn = orders[k] * angle[i]
-                value -= phasors[k, 0] * math.cos(turn) + phasors[k, 1] * math.sin(turn)
+            state[0] = min(state[0] + 1.0, _SETTLED * memory)
+            seen = min(state[0], memory)
+            third = value - 3.0 * state[2] + 3.0 * state[3] - state[4]
+            state[4], state[3], state[2] = state[3], state[2], value
+            if math.isnan(state[_LINES]):  # a sensor reads far from 0 at rest
+                state[_LINES] = value
+            if math.isfinite(third):
+                state[1] += (third * third / 20.0 - state[1]) / seen
+            line = 0.0
+            for k in range(1, orders.size):
+                if math.isfinite(angle[i]):
+                    turn = orders[k] * angle[i]
+                    line += state[_LINES + 2 * k] * math.cos(turn)
+                    line += state[_LINES + 1 + 2 * k] * math.sin(turn)
+            value -= state[_LINES]
+            _look_for_lines(value, line, third, turning[i], memory, state)
+            value -= line
             # As a mean over what there is at first: over a tenth of the memory at least.
             gain = 2.0 * value / (seen + 0.1 * memory)
-            lines.offset += 0.5 * gain
-            for k in range(orders.size if math.isfinite(angle[i]) and not lines.gone else 0):
-                phasors[k, 0] += gain * math.cos(orders[k] * angle[i])
-                phasors[k, 1] += gain * math.sin(orders[k] * angle[i])
+            state[_LINES] += 0.5 * gain
+            for k in range(1, orders.size):
+                if math.isfinite(angle[i]) and state[_GONE] == 0.0:
+                    state[_LINES + 2 * k] += gain * math.cos(orders[k] * angle[i])
+                    state[_LINES + 1 + 2 * k] += gain * math.sin(orders[k] * angle[i])
             values[i] = value
-        noise[i] = math.sqrt(lines.noise) if lines.rows >= _SETTLED * memory else math.nan
-        gone[i] = lines.gone
+        noise[i] = math.sqrt(state[1]) if state[0] >= _SETTLED * memory else math.nan
+        gone[i] = state[_GONE] != 0.0
 
 
 @compiled_part
 def _look_for_lines(
-    value: float, white: float, turning: float, memory: float, lines: _Lines, phasors: F2
+    value: float, line: float, third: float, turning: float, memory: float, state: F1
 ) -> None:
     """Find out whether the readings still have the power of their lines."""
-    seen = min(lines.rows, memory)
-    period = min(lines.rows, max(memory / _PERIODS, 1.0))
-    lines.power += (value * value - lines.power) / period
-    if math.isfinite(white):
-        lines.white += (white - lines.white) / period
-    power = wobble = 0.0
-    for k in range(phasors.shape[0]):
-        for part in range(2):
-            away = phasors[k, part] - phasors[k, part + 2]
-            wobble += 0.5 * away * away
-            if not lines.gone:
-                phasors[k, part + 2] += away / seen
-            power += 0.5 * phasors[k, part + 2] * phasors[k, part + 2]
-    vanished = lines.power - lines.white < _VANISHED * power
-    if not vanished:  # what vanishes moves its phasors, too
-        lines.wobble += (wobble - lines.wobble) / seen
+    seen = min(state[0], memory)
+    period = min(state[0], max(memory / _PERIODS, 1.0))
+    state[5] += (value * value - state[5]) / period
+    state[6] += (line * line - state[6]) / period
+    if math.isfinite(third):
+        state[7] += (third * third / 20.0 - state[7]) / period
+    state[8] += (value * value - state[8]) / seen
     # The motion at the start is in the phasors, too, and has died out of them by then.
-    known = lines.rows >= 2.0 * memory and lines.wobble < _WOBBLE * power
-    known = known and lines.power < _WHITE * lines.white < _WHITE * _VANISHED * power
+    known = state[0] >= 2.0 * memory and state[6] > _MADE_UP * state[8]
+    known &= state[5] < _WHITE * state[7]
     if math.isfinite(turning):
-        lines.turning += (turning - lines.turning) / seen
-        known = known and abs(turning - lines.turning) < _STEADY * lines.turning
-    lines.gone = vanished and (known or lines.gone)
+        state[9] += (turning - state[9]) / seen
+        known &= abs(turning - state[9]) < _STEADY * state[9]
+    known |= state[_GONE] != 0.0
+    state[_GONE] = 1.0 if known and state[5] < _VANISHED * state[6] else 0.0

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from hunt_ros.detection import DetectorConfig, HuntingDetector, State, detect, doubts
 from hunt_ros.detection.configuration import with_frequency
 from hunt_ros.detection.second_opinion import SecondOpinion
+from hunt_ros.dynamics.parameters import RigParameters
+from hunt_ros.dynamics.simulation import RollerRig, Roughness, SimulationSettings
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import Record, Series
 
@@ -112,7 +114,7 @@ def test_a_filter_that_takes_the_motion_for_noise_is_contradicted() -> None:
     assert (envelope > 6e-4).mean() > 0.5
 
 
-@pytest.mark.parametrize('period_s', [0.0, 4.0, 8.0, 11.0, 16.0, 60.0])
+@pytest.mark.parametrize('period_s', [0.0, 4.0, 16.0, 60.0])
 @pytest.mark.parametrize('loses', [False, True])
 def test_lines_have_vanished_where_nothing_is_left_and_not_where_they_beat(
     period_s: float, loses: bool
@@ -125,11 +127,11 @@ def test_lines_have_vanished_where_nothing_is_left_and_not_where_they_beat(
         readings += 2e-5 * np.cos(2.0 * np.pi * (7.4 + 1.0 / period_s) * t)
     if loses:
         readings[t > 40.0] = 0.0
-    readings += 5e-6 * rng.standard_normal(t.size)
+    readings += 1e-6 * rng.standard_normal(t.size)
     *_, gone = opinion_on(readings, 7.4, (4e-6, 1e-6, 4.0))
+    assert gone[t[2000:] > 43.0].all() == loses
     assert not gone[t[2000:] <= 40.0].any()
-    # Of a line that beats nobody knows whether it was there.
-    assert gone[t[2000:] > 42.0].all() == gone.any() == (loses and not period_s)
+    assert gone.any() == loses
 
 
 def test_lines_of_a_roller_that_stops_have_not_vanished() -> None:
@@ -144,3 +146,24 @@ def test_lines_of_a_roller_that_stops_have_not_vanished() -> None:
     angle = 2.0 * np.pi * turns
     *_, gone = opinion.update(rows_ns, rows_ns, readings, angle, hertz, told)
     assert not gone.any()
+
+
+@pytest.mark.parametrize('speed', [6.0, 6.6, 7.2])
+def test_lines_that_the_track_disturbs_vanish_with_the_target(speed: float) -> None:
+    """A line is never steady on a rig: broadband roughness of 8 um beside lines of 20 um."""
+    roughness = Roughness(amplitudes=(20e-6,))
+    rig = RollerRig(RigParameters(), SimulationSettings(200.0, speed, roughness, 8e-6), 1)
+    rig.advance(4000)
+    block = rig.advance(6000)
+    stamps_ns = block.stamps_ns - block.stamps_ns[0] + 5_000_000
+    readings = np.where(stamps_ns < 25e9, block.lateral, 0.0)
+    readings += 5e-6 * np.random.default_rng(1).standard_normal(readings.size)
+    config = with_frequency(DetectorConfig(output_rate_hz=20.0))
+    rows_ns = np.arange(1, 601) * config.period_ns
+    angle = np.interp(rows_ns, stamps_ns, block.roller_angle)
+    turning = np.interp(rows_ns, stamps_ns, block.speed) / (0.3 * np.pi)
+    told = tuple(np.full(rows_ns.size, value) for value in (1e-6, 1e-6, 2.84, 0.0))
+    opinion = SecondOpinion(config, (1.0, 2.0))
+    *_, gone = opinion.update(rows_ns, stamps_ns, readings, angle, turning, told)
+    assert not gone[rows_ns <= 25e9].any()
+    assert gone[(rows_ns > 25e9) & (rows_ns <= 27e9)].any(), 'within 2 s'
