@@ -156,11 +156,8 @@ def read_wheelset(path: str) -> RigParameters:
 
 def _frozen(value: Any) -> Any:
     """Turn the arrays of ROS into tuples."""
-    return (
-        tuple(value)
-        if not isinstance(value, str | bytes) and hasattr(value, '__iter__')
-        else value
-    )
+    array = hasattr(value, '__iter__') and not isinstance(value, str | bytes)
+    return tuple(value) if array else value
 
 
 def _descriptor(item: Field[Any], live: bool) -> ParameterDescriptor:
