@@ -199,7 +199,9 @@ def _learn(
             sure = rules.probability_in
             beyond = out['escape_probability'] > sure
             beyond |= predictable and m['outlook']['quiet'] < 1.0 - sure
-            noise_floor.learn(rules, m['floor'], m['ratios'], a, not beyond, word != states.NO)
+            small = growth_at(form, v, 0.0) if predictable else math.nan
+            dying = word != states.NO
+            noise_floor.learn(rules, m['floor'], m['ratios'], a, small, not beyond, dying)
     out['noise_floor'] = noise_floor.amplitude_of(m['floor'], m['ratios'], s)
     out['noise_intensity'] = m['floor']['intensity']
 

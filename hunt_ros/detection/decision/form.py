@@ -15,8 +15,6 @@ from hunt_ros.detection.decision.outlook import chance_beyond
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.samples import NORMAL_95
 
-#: Horizon of the outlook: the next minute, as its name says; on the clock, not in periods.
-_OUTLOOK_S = 60.0
 #: The time to the limit cycle is that to this part of the stable amplitude,
 _ARRIVED = 0.9
 #: from at least this part of the unstable amplitude, near which the growth rate is zero.
@@ -131,7 +129,7 @@ def predict(form: FormNumbers, outlook: Any, v: float, a: float, s: float, out: 
     high = chance_beyond(outlook['earliest'], a + NORMAL_95 * s, 0.0)
     out['escape_probability_low'] = min(low, probability)
     out['escape_probability_high'] = max(high, probability)
-    out['outlook'] = 1.0 - (1.0 - probability) * math.exp(-_OUTLOOK_S * outlook['rate'])
+    out['outlook'] = 1.0 - (1.0 - probability) * (1.0 - outlook['next_minute'])
 
 
 @compiled_part

@@ -3,7 +3,7 @@ The noise floor: the amplitude that counts as quiet, and how hard noise drives i
 
 The *floor* is learnt on what may be noise alone by its `likelihood.excess`, neither in hunting nor
 while the amplitude seems to grow, and as fast at another speed as at first. The *intensity* D is
-that of the steps of the quiet amplitude, dA = ... + sqrt(2 D) dW: S = 2 D T. Called by the kernel
+that of the steps of the quiet amplitude, dA = ... + sqrt(2 D) dW. Called by the kernel
 of the decisions, row by row.
 """
 
@@ -47,9 +47,12 @@ def observe(rules: Rules, memory: Any, a: float) -> None:
 
 
 @compiled_part
-def learn(rules: Rules, memory: Any, ratios: Any, a: float, basin: bool, dying: bool) -> None:
+def learn(
+    rules: Rules, memory: Any, ratios: Any, a: float, growth: float, basin: bool, dying: bool
+) -> None:
     """
-    Learn floor and intensity from a row that is not hunting: amplitude, m.
+    Learn floor and intensity from a row that is not hunting: amplitude, m, and the growth
+    rate of a small motion, 1/s, NaN where it is not known.
 
     Without a quiet `basin` at this speed, by the form, what grows is hunting that begins: the
     floor neither begins nor rises on it. It begins with the least that was seen: what hunts just
@@ -73,7 +76,7 @@ def learn(rules: Rules, memory: Any, ratios: Any, a: float, basin: bool, dying: 
         weight = max(0.0 if dying else 1.0 / memory['learnt'], rules.stride / _FLOOR_S)
         memory['square'] += weight * (min(a * a, limit) - memory['square'])
     if quiet:
-        memory['intensity'], memory['spread'] = likelihood.intensity(rules, ratios)
+        memory['intensity'], memory['spread'] = likelihood.intensity(rules, ratios, -growth)
 
 
 @compiled_part

@@ -57,19 +57,21 @@ _LONGEST, _STEEPEST = 1e270, 50.0
 _OUTSIDE = round(0.025 * _PATHS)
 #: Outlooks that are kept for when they are asked for again.
 _KEPT = 1000
+#: Horizon of the outlook, s: the next minute, as its name says; on the clock, not in periods.
+_OUTLOOK_S = 60.0
 #: Standard deviations beyond which a normal distribution is 0 or 1.
 _SETTLED = 4.0
 
 #: What the kernel of the decisions reads: quantiles of the amplitude at which the outcome is
-#: decided (m; inf: nowhere), and of those of the draws that escape latest and earliest; escapes
-#: from the quiet state per second; the share of the draws that have a quiet state; mean and
-#: standard deviation over the draws of the unstable amplitude, m.
+#: decided (m; inf: nowhere), and of those of the draws that escape latest and earliest; the
+#: chance to escape from the quiet state within a minute; the share of the draws that have such a
+#: state; mean and standard deviation over the draws of the unstable amplitude, m.
 OUTLOOK: np.dtype[np.void] = np.dtype(
     [
         ('decides', np.float64, (QUANTILES,)),
         ('latest', np.float64, (QUANTILES,)),
         ('earliest', np.float64, (QUANTILES,)),
-        ('rate', np.float64),
+        ('next_minute', np.float64),
         ('quiet', np.float64),
         ('unstable_mean', np.float64),
         ('unstable_std', np.float64),
@@ -178,7 +180,8 @@ class OutlookTable:
         top = float(np.nanmax(high))
         grid = np.geomspace(_LEAST * top, top, _AMPLITUDES)
         risen, rate = _committors(first, second, third, noise, low, high, grid)
-        found['rate'] = rate.mean()
+        # Of draws that differ: the mean of their rates would be that of the worst one.
+        found['next_minute'] = -np.expm1(-_OUTLOOK_S * rate).mean()
         found['decides'] = _deciding(risen.mean(axis=0), grid)
         risen.partition((_OUTSIDE, _PATHS - 1 - _OUTSIDE), axis=0)
         found['latest'] = _deciding(risen[_OUTSIDE], grid)

@@ -39,12 +39,16 @@ def test_narrow_band_noise_is_no_hunting(damping: float, lag_s: float) -> None:
 
 
 @pytest.mark.parametrize('lag_s', [0.0, 0.15])
-@pytest.mark.parametrize('damping', [0.1, 0.2, 0.4])
+@pytest.mark.parametrize('damping', [0.1, 0.2, 0.4, 1.0, 2.0])
 def test_the_intensity_is_right_and_its_spread_is_honest(damping: float, lag_s: float) -> None:
     true, memory, off = 0.5 * damping * QUIET**2, decisions.fresh_memory(), []
+    # At v_c / 2, of a form whose small motion is damped so much there.
+    form = form_numbers(None)._replace(known=True, D1=2.0 * damping, D4=0.0, D7=0.0, D10=0.0)
+    form = form._replace(critical_speed=8.0, D15=0.0, length_scale=1.0, time_scale=1.0)
     for seed in range(40):
         memory[:] = decisions.fresh_memory()
-        rows = decided(np.abs(noise(20.0, damping, seed=seed, lag_s=lag_s)), memory=memory)
+        path = np.abs(noise(20.0, damping, seed=seed, lag_s=lag_s))
+        rows = decided(path, form=form, memory=memory, speed=4.0)
         off.append(math.log(rows['noise_intensity'][-1] / true))
     assert abs(np.mean(off)) < 0.4
     assert 0.5 < np.std(off) / memory['floor']['spread'][0] < 1.5

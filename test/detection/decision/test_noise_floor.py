@@ -71,7 +71,7 @@ def test_what_the_form_calls_escaping_neither_begins_nor_raises_the_floor() -> N
         for a in amplitude:
             likelihood.watch(RULES, memory['ratios'], 7.0, a, 1e-6, math.nan, False)
             noise_floor.observe(RULES, memory['floor'], a)
-            noise_floor.learn(RULES, memory['floor'], memory['ratios'], a, basin, False)
+            noise_floor.learn(RULES, memory['floor'], memory['ratios'], a, math.nan, basin, False)
         return float(noise_floor.amplitude_of(memory['floor'], memory['ratios'], 1e-6))
 
     learn(quiet(8.0, 80e-6), False)
@@ -89,12 +89,12 @@ def test_what_dies_out_at_another_speed_is_not_the_quiet_motion_there() -> None:
     for a in quiet(20.0, 8e-6):
         likelihood.watch(RULES, ratios, 7.0, a, 1e-6, math.nan, False)
         noise_floor.observe(RULES, floor, a)
-        noise_floor.learn(RULES, floor, ratios, a, True, False)
+        noise_floor.learn(RULES, floor, ratios, a, math.nan, True, False)
     before = math.sqrt(floor['square'])
     after = []
     for dying in (True, False):
         floor['square'], floor['learnt'] = before**2, 1.0  # the speed has just changed
         for a in np.geomspace(80.0 * before, 4.0 * before, int(2.0 * ROWS)):
-            noise_floor.learn(RULES, floor, ratios, a, True, dying)
+            noise_floor.learn(RULES, floor, ratios, a, math.nan, True, dying)
         after.append(math.sqrt(floor['square']))
     assert after[0] < 1.6 * before < 4.0 * before < after[1]

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid, trapezoid
+from scipy.stats import norm
 
 from hunt_ros.detection.decision.outlook import OutlookTable
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
@@ -59,11 +60,24 @@ def test_of_a_form_that_is_exact_it_is_the_committor(speed: float, ratio: float)
     share = np.mean(np.abs(np.subtract(found, exact)) < 0.06)
     assert share > 0.95, np.abs(np.subtract(found, exact)).max()
     rate = exact_escape(speed, diffusion)[2]
-    if rate > 1e-9:
+    if 1e-9 < rate < 0.5:
         # Less than a cell of the noise changes the time by so much.
-        apart = abs(math.log(float(outlook['rate'][0]) / rate))
+        found_rate = -math.log1p(-float(outlook['next_minute'][0])) / 60.0
+        apart = abs(math.log(found_rate / rate))
         other = exact_escape(speed, diffusion * math.exp(0.06))[2]
         assert apart < abs(math.log(other / rate)) + 0.1
+
+
+def test_where_the_noise_is_not_known_the_next_minute_is_the_mean_over_what_it_may_be() -> None:
+    table, spread, diffusion, quiet = OutlookTable(EXACT), 0.4, 8e-10, 90e-6
+    levels = (np.arange(200) + 0.5) / 200
+    factors = np.exp(spread * norm.ppf(levels))
+    each = [
+        table.at(7.2, factor * diffusion, 0.0, quiet, 0.0)['next_minute'] for factor in factors
+    ]
+    assert 0.05 < np.mean(each) < 0.95
+    found = table.at(7.2, diffusion, spread, quiet, 0.0)['next_minute']
+    assert float(found[0]) == pytest.approx(np.mean(each), abs=0.05)
 
 
 @pytest.mark.parametrize('speed', [7.6, FORM.critical_speed, 8.2])
@@ -96,7 +110,7 @@ def test_it_is_a_distribution_over_amplitudes(speed, diffusion, quiet, line) -> 
     assert not np.isnan(decides).any()
     assert np.all(np.diff(decides[np.isfinite(decides)]) >= 0.0)
     assert np.all(decides > 0.9 * quiet)
-    assert outlook['rate'] >= 0.0
+    assert 0.0 <= outlook['next_minute'] <= 1.0
     assert 0.0 <= outlook['quiet'] <= 1.0
 
 
@@ -118,7 +132,7 @@ def test_roughness_brings_the_edge_nearer() -> None:
 def test_where_there_is_no_limit_cycle_nothing_leads_to_it() -> None:
     outlook = OutlookTable(EXACT).at(5.0, 1e-11, 0.3, 1e-5, 0.0)
     assert chance(outlook, 1.0) == 0.0
-    assert outlook['rate'][0] == 0.0
+    assert outlook['next_minute'][0] == 0.0
     assert outlook['quiet'][0] == 1.0
 
 

@@ -42,13 +42,13 @@ speeds = st.floats(5.0, 9.0)
 stds = st.floats(0.0, 1e-4, allow_subnormal=False)
 
 
-def _outlook(centre: float, width: float, rate: float) -> np.ndarray:
-    """Outlook with an evenly distributed deciding amplitude, m; escapes per second."""
+def _outlook(centre: float, width: float, minute: float) -> np.ndarray:
+    """Outlook with an evenly distributed deciding amplitude, m; escapes in a minute."""
     outlook = np.zeros(1, dtype=OUTLOOK)
     outlook['decides'] = centre + width * np.linspace(-0.5, 0.5, QUANTILES)
     outlook['latest'] = outlook['decides'] + width
     outlook['earliest'] = outlook['decides'] - width
-    outlook['rate'] = rate
+    outlook['next_minute'] = minute
     return outlook
 
 
