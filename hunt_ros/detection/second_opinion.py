@@ -32,8 +32,12 @@ _SETTLED = 3.0
 #: motion, or beats with one that is not known, leaves other motion. So long as the lines had this
 #: part of the power of all before, and the roller turns as fast as it did to within this part.
 _VANISHED, _WHITE, _MADE_UP, _STEADY = 0.25, 2.0, 0.02, 0.1
-#: Places in the memory of the kernel: whether the lines have vanished; where the phasors begin.
-_GONE, _LINES = 10, 11
+#: Places in the memory of the kernel: rows that were taken in; mean square of the third
+#: difference; the three values before; mean squares over a period of readings, of lines and of the
+#: noise; of the readings over the memory; turns per second over it; whether the lines have
+#: vanished; then the phasors of the lines, the first of which is the mean.
+_ROWS, _NOISE, _BEFORE, _SHOWN, _SAID, _NOISE_NOW = 0, 1, 2, 5, 6, 7
+_ALL, _TURNING, _GONE, _LINES = 8, 9, 10, 11
 #: Frequencies at which the gain of the envelope is tabulated.
 _FREQUENCIES = 400
 
@@ -68,10 +72,6 @@ class SecondOpinion:
         self._memory = _PERIODS * self._rate / config.hunting_frequency_hz
         self._grid = np.linspace(0.0, 0.5 * self._rate, _FREQUENCIES)
         self._gains = self._envelope.gain(self._grid), self._envelope.gain(-self._grid)
-        # Rows that were taken in, mean square of the third difference, the three values before;
-        # mean squares over a period of readings, of lines and of the noise; of the readings over
-        # the memory; turns per second over it; whether the lines have vanished; then the phasors
-        # of the lines, the first of which is the mean.
         self._state = np.zeros(_LINES + 2 * self._orders.size)
         self._state[_LINES] = np.nan
         self._last_ns: int | None = None
@@ -83,7 +83,7 @@ class SecondOpinion:
         # What the envelope is to be compared with, for as many rows as it is late.
         self._said = np.full((4, self._late), np.nan)
         self._state[:_LINES] = 0.0
-        self._state[2:5] = np.nan
+        self._state[_BEFORE : _BEFORE + 3] = np.nan
 
     def update(
         self,
@@ -185,17 +185,18 @@ def _take_out(
 
     White noise of variance s^2 has third differences of 20 s^2, a slow motion has none.
     """
+    before = state[_BEFORE : _BEFORE + 3]
     for i in range(values.size):
         value = values[i]
         if math.isfinite(value):
-            state[0] = min(state[0] + 1.0, _SETTLED * memory)
-            seen = min(state[0], memory)
-            third = value - 3.0 * state[2] + 3.0 * state[3] - state[4]
-            state[4], state[3], state[2] = state[3], state[2], value
+            state[_ROWS] = min(state[_ROWS] + 1.0, _SETTLED * memory)
+            seen = min(state[_ROWS], memory)
+            third = value - 3.0 * before[0] + 3.0 * before[1] - before[2]
+            before[2], before[1], before[0] = before[1], before[0], value
             if math.isnan(state[_LINES]):  # a sensor reads far from 0 at rest
                 state[_LINES] = value
             if math.isfinite(third):
-                state[1] += (third * third / 20.0 - state[1]) / seen
+                state[_NOISE] += (third * third / 20.0 - state[_NOISE]) / seen
             line = 0.0
             for k in range(1, orders.size):
                 if math.isfinite(angle[i]):
@@ -213,7 +214,7 @@ def _take_out(
                     state[_LINES + 2 * k] += gain * math.cos(orders[k] * angle[i])
                     state[_LINES + 1 + 2 * k] += gain * math.sin(orders[k] * angle[i])
             values[i] = value
-        noise[i] = math.sqrt(state[1]) if state[0] >= _SETTLED * memory else math.nan
+        noise[i] = math.sqrt(state[_NOISE]) if state[_ROWS] >= _SETTLED * memory else math.nan
         gone[i] = state[_GONE] != 0.0
 
 
@@ -222,18 +223,18 @@ def _look_for_lines(
     value: float, line: float, third: float, turning: float, memory: float, state: F1
 ) -> None:
     """Find out whether the readings still have the power of their lines."""
-    seen = min(state[0], memory)
-    period = min(state[0], max(memory / _PERIODS, 1.0))
-    state[5] += (value * value - state[5]) / period
-    state[6] += (line * line - state[6]) / period
+    seen = min(state[_ROWS], memory)
+    period = min(state[_ROWS], max(memory / _PERIODS, 1.0))
+    state[_SHOWN] += (value * value - state[_SHOWN]) / period
+    state[_SAID] += (line * line - state[_SAID]) / period
     if math.isfinite(third):
-        state[7] += (third * third / 20.0 - state[7]) / period
-    state[8] += (value * value - state[8]) / seen
+        state[_NOISE_NOW] += (third * third / 20.0 - state[_NOISE_NOW]) / period
+    state[_ALL] += (value * value - state[_ALL]) / seen
     # The motion at the start is in the phasors, too, and has died out of them by then.
-    known = state[0] >= 2.0 * memory and state[6] > _MADE_UP * state[8]
-    known &= state[5] < _WHITE * state[7]
+    known = state[_ROWS] >= 2.0 * memory and state[_SAID] > _MADE_UP * state[_ALL]
+    known &= state[_SHOWN] < _WHITE * state[_NOISE_NOW]
     if math.isfinite(turning):
-        state[9] += (turning - state[9]) / seen
-        known &= abs(turning - state[9]) < _STEADY * state[9]
+        state[_TURNING] += (turning - state[_TURNING]) / seen
+        known &= abs(turning - state[_TURNING]) < _STEADY * state[_TURNING]
     known |= state[_GONE] != 0.0
-    state[_GONE] = 1.0 if known and state[5] < _VANISHED * state[6] else 0.0
+    state[_GONE] = 1.0 if known and state[_SHOWN] < _VANISHED * state[_SAID] else 0.0

@@ -398,7 +398,7 @@ def _fill(scene: Scenario, operator: Operator) -> Callable[[], object] | None:
 def _move(scene: Scenario, operator: Operator) -> None:
     """Tidy up: the folder of the recordings gets another name."""
     scene.note('folder moved', '')
-    scene.recordings.rename(scene.folder / 'tidied')
+    scene.recordings.rename(scene.folder / f'tidied_{len(scene.deeds)}')
 
 
 def _again(scene: Scenario, operator: Operator) -> None:
