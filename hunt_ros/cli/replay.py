@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     another = arguments.fresh or arguments.live or any(given)  # than the live run of it
     live = None if another else recorded_run(arguments.bag)
     record = read(arguments, as_stamped=live is not None)
-    asked, beside = settings_of(arguments)
+    asked, beside = options.settings_of(arguments, 'hunting_detector', *_KINDS)
     if arguments.live:
         return replay_live(arguments, record, (asked, beside))
     config, remarks = config_for(record, asked)
@@ -121,12 +121,6 @@ def _of_the_live_run(record: Record, live: RecordedRun) -> list[str]:
             told = ', '.join(f'{count} of {name}' for name, count in counts.items())
             found.append(f'the recording {text} (at least {told}): its numbers were others')
     return found
-
-
-def settings_of(arguments: argparse.Namespace) -> tuple[DetectorConfig, CompanionConfig]:
-    """Read the settings of the detector node: those of the detector, and what runs beside it."""
-    config, beside = options.settings_of(arguments, 'hunting_detector', *_KINDS)
-    return config, beside
 
 
 def _companions(beside: CompanionConfig, config: DetectorConfig) -> Companions:

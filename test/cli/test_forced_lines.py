@@ -104,7 +104,7 @@ CASES = [
         {1.0: 1e-4, 1.7: 1e-4, DIAMETER / 0.15: 1e-4},
         {},
         False,
-        ['roller_diameter_m=0.36', 'lines=[1]', 'wheel_diameter_m=0.15'],
+        ['wheel_diameter_m=0.15', 'roller_diameter_m=0.36', 'lines=[1]'],
         ["line at 1.7 times the roller's turn"],
     ),
     (

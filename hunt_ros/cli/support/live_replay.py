@@ -17,7 +17,6 @@ from hunt_ros.cli.support.supervisor import Supervisor
 from hunt_ros.cli.support.view import View
 from hunt_ros.detection import DetectorConfig
 from hunt_ros.detection.offline import config_for
-from hunt_ros.rig import parameters_of
 from hunt_ros.samples import CHANNELS, Record
 from hunt_ros.settings import Settings
 from hunt_ros.suite import PAGE
@@ -94,9 +93,7 @@ def _detector(
 ) -> dict[str, object]:
     """Return the parameters of a detector that fits the recording, for where none is running."""
     config, _ = config_for(record, DetectorConfig())
-    told: dict[str, object] = {}
-    for source, text in arguments.set:
-        told |= parameters_of('hunting_detector', text, source)
+    told = {name for _, name, _ in arguments.set}
     asked = {
         name: value for kind in settings for name, value in vars(kind).items() if name in told
     }

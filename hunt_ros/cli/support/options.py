@@ -291,12 +291,12 @@ def given_settings(arguments: argparse.Namespace, names: Iterable[str]) -> dict[
 
 def add_set(parser: argparse.ArgumentParser, example: str, **nodes: _Kinds) -> None:
     """
-    Add `--set NAME=VALUE`, the value as YAML: a text of a parameter file that wins over others.
+    Add `--set NAME=VALUE`, the value as YAML, which wins over that in the files of `--rig`.
 
     Parameters
     ----------
     parser : ArgumentParser
-        `set` is a list of (where it comes from, text).
+        `set` is a list of (section of a parameter file, name, value).
     example : str
         For the help.
     **nodes : tuple of types of Settings
@@ -312,8 +312,8 @@ def add_set(parser: argparse.ArgumentParser, example: str, **nodes: _Kinds) -> N
         if item.metadata
     }
 
-    def parse(word: str) -> tuple[str, str]:
-        """Return the text of a word, or refuse it."""
+    def parse(word: str) -> tuple[str, str, str]:
+        """Return the parts of a word, or refuse it."""
         name, equals, value = word.partition('=')
         if not equals or name not in known:
             expected = f'expected NAME=VALUE with one of {", ".join(sorted(known))}'
@@ -321,8 +321,7 @@ def add_set(parser: argparse.ArgumentParser, example: str, **nodes: _Kinds) -> N
         node, item = known[name]
         if not value.strip():  # lines= is a list without a line
             value = '[]' if isinstance(item.default, tuple) else "''"
-        section = SHARED if name in PARAMETERS else node
-        return f'--set {word}', f'{section}: {{ros__parameters: {{{name}: {value}}}}}'
+        return SHARED if name in PARAMETERS else node, name, value
 
     what = f'a setting, in place of that in the rig file: {example}; repeatable'
     add(parser, '--set', type=parse, action='append', default=[], metavar='NAME=VALUE', help=what)
@@ -425,7 +424,13 @@ def rig_texts(arguments: argparse.Namespace) -> list[tuple[str, str]]:
         names = {name.partition('.')[0] for name in parameters_of('', text, source)}
         if names == {'normal_form'}:
             raise ConfigError(f'--rig {source}: is a normal form, expected --normal-form {source}')
-    return texts + list(getattr(arguments, 'set', ()))
+    given: dict[str, dict[str, str]] = {}  # all together: one may need another
+    for section, name, value in getattr(arguments, 'set', ()):
+        given.setdefault(section, {})[name] = value
+    for section, words in given.items():
+        inside = ', '.join(f'{name}: {value}' for name, value in words.items())
+        texts.append(('--set', f'{section}: {{ros__parameters: {{{inside}}}}}'))
+    return texts
 
 
 def recordings_of(arguments: argparse.Namespace) -> Path:
