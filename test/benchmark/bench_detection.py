@@ -498,7 +498,18 @@ def measured(found: Namespace, pool: Executor) -> str:
         ' wheelsets which go on from the same motion under other noise.\n\n'
         + markdown(['goal', 'wanted', 'measured', 'met'], rows)
     )
-    return '\n\n'.join([text, *tables])
+    return '\n\n'.join([text, *tables, FALLS_SHORT])
+
+
+FALLS_SHORT = (
+    'What falls short: what is asked for 0.4 s after a kick, above all on the rig of 14 m/s, whose'
+    ' period is 0.5 s. A kick excites the second mode too, which is guessed until it has died. The'
+    ' detector of 0.2.0 was told that mode exactly here, which no recording gives: on 144 of these'
+    ' kicks it says `escaping` after 0.13 s (95 %: 0.19 s), and errs in 4.0 % after 0.4 s. Told'
+    ' nothing of it, it does as this one: 0.32 s (0.46 s) and 7.3 %, both; on the rig of 14 m/s'
+    ' 0.51 s and 18.1 %, with 5 of 58 alarms false. With the lateral sensor dead and no mode shape'
+    ' the amplitude is up to 6 % off, or unknown.'
+)
 
 
 if __name__ == '__main__':
