@@ -1,20 +1,21 @@
 """
 Identification: everything that it finds beside its truth.
 
-Staircases of the full model, other rigs and ways of recording, an hour at 1 kHz, recordings of a
-real rig, and how often the intervals hold. Progress goes to stderr.
+Staircases of the full model, other rigs and ways of recording, rigs of another
+make, an hour at 1 kHz, and how often the intervals hold. Progress goes to stderr.
 """
 
 from __future__ import annotations
 
 import time
 from argparse import Namespace
+from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 
 import numpy as np
-from identification_rigs import flutter, others
+from identification_rigs import others
 from made import up_and_down
 from records_made import rig_settings, trajectories
 from scipy import stats
@@ -23,7 +24,7 @@ from tables import mapped, markdown, run
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import SimulationSettings, simulate
-from hunt_ros.identification import Identification, IdentificationSettings, identify
+from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.samples import Record, Uncertain
 
 #: Speeds at which the unstable amplitude is compared, m/s.
@@ -36,7 +37,7 @@ FULL_FOLD = 6.433
 FULL_UNSTABLE = ((6.6, 378.55e-6), (7.2, 236.95e-6), (7.6, 154.74e-6))
 FULL_STABLE = ((7.2, 634.47e-6), (8.0, 676.98e-6), (8.8, 701.37e-6))
 #: Broadband forcing and roughness (m) of the staircases.
-STAIRCASES = ((8e-6, 3e-5), (1.2e-5, 3e-5), (1.2e-5, 0.0), (2e-5, 3e-5), (3e-5, 3e-5))
+STAIRCASES = ((8e-6, 3e-5), (1.2e-5, 0.0), (3e-5, 3e-5))
 
 
 def covered(task: tuple[int, bool]) -> tuple[np.ndarray, float]:
@@ -169,31 +170,37 @@ def an_hour(seed: int) -> Record:
     return simulate(paper_rig(), settings, profile, seed=seed)
 
 
-def of_hour(seed: int) -> tuple[float, Identification]:
-    """Return CPU seconds and result of an hour."""
+def of_hour(seed: int) -> tuple[float, dict[str, bool]]:
+    """Return CPU seconds of an hour, and which of its intervals hold the truth."""
     record = an_hour(seed)
     begin = time.process_time()
     result = identify([record])
-    return time.process_time() - begin, replace(result, records=(), envelopes=(), segments=())
+    seconds = time.process_time() - begin
+    wanted: list[tuple[str, Uncertain | None, float]] = [
+        ('v_c', result.v_c, FULL_CRITICAL),
+        ('v_n', result.v_n, FULL_FOLD),
+        ('v_c - v_n', result.hysteresis_width, FULL_CRITICAL - FULL_FOLD),
+    ]
+    for side, truths in (('unstable', FULL_UNSTABLE), ('stable', FULL_STABLE)):
+        for speed, truth in truths:
+            point = result.posterior.branches(speed)[side][0] if result.posterior else None
+            wanted.append((f'{side} at {speed}', point, truth))
+    return seconds, {
+        name: number is not None and number.low <= truth <= number.high
+        for name, number, truth in wanted
+    }
 
 
 def hours(count: int, pool: Executor) -> str:
     """Return how long an hour of three channels at 1 kHz takes, and how often intervals hold."""
     list(pool.map(warm, range(4)))
     done = mapped(pool, 'hours', of_hour, range(1, count + 1))
-    held: dict[str, int] = {}
-    for _, result in done:
-        for row in compared(result):
-            held[row[0]] = held.get(row[0], 0) + (row[-1] == 'yes')
-    holds = ', '.join(f'{name} {times}' for name, times in held.items())
-    record = an_hour(1)
+    held = Counter(name for _, holds in done for name, one in holds.items() if one)
     median = float(np.median([cpu for cpu, _ in done]))
-    header = ['', 'identified', '95 % interval', 'true', 'off, in deviations', 'interval holds']
-    first = markdown(header, compared(done[0][1]))
     return (
-        f'{record.duration_s / 60.0:.0f} minutes of three channels at 1 kHz: {median:.1f} s of CPU'
-        f' in the median (goal 6 s). Intervals that hold the'
-        f' truth, of {count} seeds (goal all): {holds}. The first:\n\n{first}'
+        f'An hour of three channels at 1 kHz: {median:.1f} s of CPU in the median (goal 6 s).'
+        f' Intervals that hold the truth, of {count} seeds (goal all): '
+        + ', '.join(f'{name} {held[name]}' for name in done[0][1])
     )
 
 
@@ -202,51 +209,23 @@ def warm(seed: int) -> None:
     identify([stepped(seed, 8e-6, 0.0)])
 
 
-def compared(result: Identification) -> list[list[str]]:
-    """Return a row a number: name, value, interval, truth, how far off, whether it holds."""
-    wanted: list[tuple[str, Uncertain | None, float]] = [
-        ('v_c (m/s)', result.v_c, FULL_CRITICAL),
-        ('v_n (m/s)', result.v_n, FULL_FOLD),
-        ('v_c - v_n (m/s)', result.hysteresis_width, FULL_CRITICAL - FULL_FOLD),
-    ]
-    for side, truths in (('unstable', FULL_UNSTABLE), ('stable', FULL_STABLE)):
-        for speed, truth in truths:
-            point = result.posterior.branches(speed)[side][0] if result.posterior else None
-            wanted.append((f'{side} at {speed} (um)', scaled(point, 1e6), 1e6 * truth))
-    rows = []
-    for name, number, truth in wanted:
-        if number is None:
-            rows.append([name, 'not known', '', f'{truth:.4g}', '', ''])
-            continue
-        off = (number.value - truth) / number.std
-        held = 'yes' if number.low <= truth <= number.high else '**no**'
-        interval = f'{number.low:.4g} to {number.high:.4g}'
-        rows.append([name, f'{number.value:.4g}', interval, f'{truth:.4g}', f'{off:+.1f}', held])
-    return rows
-
-
-def scaled(number: Uncertain | None, by: float) -> Uncertain | None:
-    """Return a number in another unit."""
-    if number is None:
-        return None
-    return Uncertain(by * number.value, by * number.std, by * number.low, by * number.high)
-
-
 def measured(arguments: Namespace, pool: Executor) -> str:
     """Return all tables."""
     count = arguments.seeds
-    parts = [full_model(count, pool), others(count, pool), hours(count, pool), flutter()]
+    parts = [full_model(count, pool), others(count, pool), hours(count, pool)]
     return '\n\n'.join([*parts, coverage(arguments.coverage, pool), FALLS_SHORT])
 
 
 FALLS_SHORT = (
     'What falls short: two staircases of a hundred get no fold, for a lack of fit of 1 %; in '
     "the one looked at, the roller's line is three times the hunting frequency at 8.0 m/s, "
-    'and the amplitude there beats by 2 %. Where D4 and D15 are 3 and 4 times as large the '
-    'intervals of v_n are too narrow. On the rig of 14 m/s v_c is 0.5 % low. The hour takes '
-    'longer than its goal. On free trajectories p of the lack of fit is too small: it is no '
-    'probability there, and flags nothing by itself. Five staircases of five days whose gain and '
-    'creep differ by 0.5 % give v_n in 8 of 8 (6 intervals hold) and v_c 0.1 m/s low (4 hold).'
+    'and the amplitude there beats by 2 %. Ramps of 25 s of the rig whose conicity is of fifth '
+    'order hold v_c in 2 of 5, up to 4.3 deviations off: what exactly the quintic form is given '
+    'beforehand makes the intervals of a short recording too narrow. On the rig of 14 m/s v_c is '
+    '0.5 % low. The hour takes longer than its goal. On free trajectories p of the lack of fit '
+    'is too small: it is no probability there, and flags nothing by itself. Five staircases of '
+    'five days whose gain and creep differ by 0.5 % give v_n in 8 of 8 (6 intervals hold) and '
+    'v_c 0.1 m/s low (4 hold).'
 )
 
 

@@ -11,13 +11,13 @@ from functools import cache
 
 import numpy as np
 from bench_forecast import other_rig
-from made import FLUTTER, flutter_runs, up_and_down, without
-from records_made import amplitude_record, rig_settings
+from foreign_made import RECORDINGS, RIGS
+from made import up_and_down, without
+from records_made import rig_settings
 from tables import mapped, markdown
 
 from hunt_ros.dynamics.limit_cycle import limit_cycles
 from hunt_ros.dynamics.linear_stability import critical_speed
-from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.dynamics.profile import Corners, Hold, Profile
 from hunt_ros.dynamics.simulation import simulate
@@ -51,15 +51,6 @@ def truth_of_rig(rig: RigParameters) -> Truth:
     return v_c, v_n, unstable
 
 
-def truth_of_form(form: NormalForm) -> Truth:
-    """Return that of the amplitude equation."""
-    v_n = form.nonlinear_critical_speed
-    assert v_n is not None
-    speeds = between(v_n, form.critical_speed)
-    amplitudes = form.unstable_amplitude(speeds)
-    return form.critical_speed, v_n, dict(zip(speeds, map(float, amplitudes), strict=True))
-
-
 def steps(rig: RigParameters, seed: int, low: float, high: float, rise: float) -> Record:
     """Staircase of 25 s a step up and down; roughness and noise grow with the rig."""
     size = rig.half_gauge_m / paper_rig().half_gauge_m
@@ -77,27 +68,6 @@ def seldom_hunting(seed: int) -> Record:
     return simulate(paper_rig(), rig_settings(), profile, seed=seed)
 
 
-def strongly_subcritical(seed: int, by: float) -> list[Record]:
-    """Return free trajectories of the paper's form with D4 and D15 `by` times as large."""
-    form = stronger(by)
-    rng = np.random.default_rng(seed)
-    v_n = form.nonlinear_critical_speed
-    assert v_n is not None
-    speeds = np.linspace(0.97 * v_n, 9.0, 8)
-    starts = np.exp(rng.uniform(math.log(5e-5), math.log(8e-4), 30))
-    return [
-        amplitude_record(speeds[i % 8], 30.0, 1000 * seed + i, form=form, start=float(start))
-        for i, start in enumerate(starts)
-    ]
-
-
-def stronger(by: float) -> NormalForm:
-    """Return the paper's form with D4 and D15 `by` times as large."""
-    return replace(PAPER_NORMAL_FORM, D4=by * PAPER_NORMAL_FORM.D4, D15=by * PAPER_NORMAL_FORM.D15)
-
-
-#: The limit cycle of the full model is 0.6 to 0.7 mm large.
-NARROW = replace(paper_rig(), flange_clearance_m=0.6e-3)
 SOFT = replace(paper_rig(), name='supercritical', beta={'30': -446.87, '50': -2.74748e6})
 _PAPER = cache(lambda: truth_of_rig(paper_rig()))
 _STAIRS = (6.0, 8.8, 0.2)
@@ -117,30 +87,22 @@ CASES: tuple[tuple[str, Callable[[int], object], Callable[[], Truth], dict[str, 
         cache(lambda: truth_of_rig(other_rig())),
         {},
     ),
-    *(
-        (
-            f'trajectories, D4 and D15 {by:.0f} times as large',
-            lambda seed, by=by: strongly_subcritical(seed, by),
-            lambda by=by: truth_of_form(stronger(by)),
-            {},
-        )
-        for by in (3.0, 4.0)
-    ),
     ('a rig that hunts 2 % of its time', seldom_hunting, _PAPER, {}),
-    *(
-        (
-            f'flange at 0.6 mm, {"told" if told else "not told"}',
-            lambda seed: steps(NARROW, seed, *_STAIRS),
-            _PAPER,
-            told,
-        )
-        for told in ({}, {'flange_clearance_m': 0.6e-3})
-    ),
     (
         'supercritical rig',
         lambda seed: steps(SOFT, seed, *_STAIRS),
         cache(lambda: truth_of_rig(SOFT)),
         {},
+    ),
+    *(
+        (
+            f'{name}, {how}',
+            lambda seed, rig=rig, made=made: made(rig, seed),
+            lambda rig=rig: (rig.v_c, rig.v_n, {}),
+            rig.told,
+        )
+        for name, rig in RIGS.items()
+        for how, made in RECORDINGS.items()
     ),
 )
 
@@ -163,11 +125,6 @@ def inside(found: Identification, unstable: Mapping[float, float]) -> list[bool]
     _, low, high = found.branch('unstable', list(unstable))
     bands = zip(unstable.values(), low, high, strict=True)
     return [bool(a <= truth <= b) for truth, a, b in bands if math.isfinite(a)]
-
-
-def why_no_fold(found: Identification) -> str:
-    """Return why v_n is not known, or ''."""
-    return '' if found.v_n else found.unknown.get('v_n', '')
 
 
 def accuracy(numbers: Sequence[Uncertain | None], truth: float | None) -> list[str]:
@@ -194,19 +151,8 @@ def others(count: int, pool: Executor) -> str:
         held = [each for result in results for each in inside(result, unstable)]
         kinds = Counter(getattr(each, 'criticality', None) or 'not known' for each in found)
         said = [', '.join(f'{kind} {n}' for kind, n in kinds.most_common())]
-        if flange := sum(
-            'flange' in (each if isinstance(each, str) else ' '.join(each.warnings))
-            for each in found
-        ):
-            said.append(f'flange named {flange}')
         if misfit := sum(result.fit.lack_of_fit for result in results):
             said.append(f'lack of fit {misfit}')
-        whys = [each if isinstance(each, str) else why_no_fold(each) for each in found]
-        reasons = Counter(why for why in whys if why)
-        most = reasons.most_common(2)
-        said += [f'"{why}" {n}' for why, n in most]
-        if other := sum(reasons.values()) - sum(n for _, n in most):
-            said.append(f'other reasons {other}')
         rows.append(
             [
                 name,
@@ -222,39 +168,6 @@ def others(count: int, pool: Executor) -> str:
     header += ['v_n', 'given', 'bias, rms', 'holds', 'A_u in its band', 'said']
     return (
         f'Other rigs and records, {count} seeds each (m/s); truth: the branches of the model'
-        ' without noise and flange. The unstable amplitude is compared at 30 and 60 % of the'
-        ' way from v_n to v_c.\n\n' + markdown(header, rows)
+        ' without noise; of rigs of another make, by brute force. The unstable amplitude is'
+        ' compared at 30 and 60 % of the way from v_n to v_c.\n\n' + markdown(header, rows)
     )
-
-
-def flutter() -> str:
-    """Return what the real recordings of a flutter rig give, each day and all."""
-    if not FLUTTER.is_dir():
-        return 'The recordings of the flutter rig are not on this machine.'
-    runs = flutter_runs('*.mat')
-    settings = IdentificationSettings(length_scale_m=0.1)
-    rows = []
-    days = sorted({run.notes['day'] for run in runs})
-    for name, some in [
-        *((day, [run for run in runs if run.notes['day'] == day]) for day in days),
-        ('all', runs),
-    ]:
-        rows.append([name, len(some), *_of_flutter(identify(some, settings))])
-    header = ['day', 'recordings', 'v_c (m/s)', 'v_n (m/s)', 'criticality', 'lack of fit, p']
-    header += ['v_c seen above (m/s)']
-    return (
-        'Flutter rig (real recordings; no truth is known: free motion decayed up to 23.7 m/s and'
-        ' grew from 25.9 m/s on, between them with the day):\n\n' + markdown(header, rows)
-    )
-
-
-def _of_flutter(found: Identification) -> list[str]:
-    """Return the cells of a day."""
-    p = found.fit.lack_of_fit_p
-    above = found.bracket.v_c
-    return [
-        *('not known' if x is None else str(x) for x in (found.v_c, found.v_n)),
-        found.criticality or 'not known',
-        f'{"yes" if found.fit.lack_of_fit else "no"}, {p:.2g}' if math.isfinite(p) else '-',
-        '-' if above is None else f'{above:.1f}',
-    ]
