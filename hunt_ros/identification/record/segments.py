@@ -393,7 +393,9 @@ def speed_holds(time: Array, speed: Array, shortest_s: float) -> list[tuple[int,
     """
     if time.size < 2:
         return []
-    jitter = 1.4826 * float(np.median(np.abs(np.diff(speed)))) / math.sqrt(2.0)
+    # By second differences: a ramp has none.
+    bends = np.abs(np.diff(speed, 2)) if time.size > 2 else np.zeros(1)
+    jitter = 1.4826 * float(np.median(bends)) / math.sqrt(6.0)
     tolerance = max(0.004 * float(np.median(np.abs(speed))), 4.0 * min(jitter, 0.05))
     holds: list[tuple[int, int]] = []
     start = 0

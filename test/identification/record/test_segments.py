@@ -34,6 +34,15 @@ def test_holds_are_found_in_a_noisy_staircase_and_none_in_a_ramp():
     assert speed_holds(time, ramp, 8.0) == []
 
 
+def test_a_hold_beside_quick_ramps_is_the_hold_alone() -> None:
+    """The step from instant to instant along a ramp is no jitter of the reading."""
+    time = np.arange(0.0, 105.0, 0.53)
+    corners = ([0.0, 8.0, 40.0, 60.0, 92.0, 105.0], [7.0, 7.0, 8.8, 8.8, 7.0, 7.0])
+    speed = np.interp(time, *corners) + 0.005 * np.random.default_rng(0).standard_normal(time.size)
+    ends = [(time[first], time[last - 1]) for first, last in speed_holds(time, speed, 6.0)]
+    assert np.abs(np.array(ends) - [[0.0, 8.0], [40.0, 60.0], [92.0, 105.0]]).max() < 1.5
+
+
 def test_the_steady_part_leaves_out_the_approach():
     rng = np.random.default_rng(1)
     x = np.arange(100)
