@@ -218,13 +218,19 @@ class Fit:
             total = spectra.cost_of(expected) + 0.5 * float(np.sum(off**2))
             self.cost = total if math.isfinite(total) else math.inf
 
-    def _expected(self, theta: _F, leakage: bool = True) -> _F | None:
+    def _spectrum(self, theta: _F, leakage: bool = True) -> _F | None:
         modes = self.law.modes(self.spectra.speed, theta)
         if modes is None:
             return None
         response = self.spectra.of_modes(*modes, leakage) * self.spectra.gain
-        expected: _F = response + math.exp(theta[-1])
-        return expected if expected.min() > 0.0 and np.all(np.isfinite(expected)) else None
+        spectrum: _F = response + math.exp(theta[-1])
+        return spectrum
+
+    def _expected(self, theta: _F) -> _F | None:
+        found = self._spectrum(theta)
+        if found is None or not 0.0 < found.min() <= found.max() < math.inf:
+            return None
+        return found
 
     def slopes(self) -> tuple[_F, _F, _F]:
         """
@@ -286,7 +292,8 @@ class Fit:
         is one draw, which a likelihood of independent bins would take for as many witnesses.
         Own are those of which spectrum and noise make up at least `OWN` of what is expected.
         """
-        own = self._expected(self.theta, leakage=False)
+        # It may be below 0 far from its peak: not own either.
+        own = self._spectrum(self.theta, leakage=False)
         kept = self.expected > 0.0 if own is None else own >= OWN * self.expected
         return np.asarray(kept, dtype=np.bool_)
 

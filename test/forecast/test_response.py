@@ -140,6 +140,24 @@ def test_bins_that_show_the_ends_of_the_window_are_left_out():
     assert Fit(law, spectra, theta).own_bins()[frequency > 5.0].all()
 
 
+def test_a_bin_whose_spectrum_alone_is_below_zero_shows_leakage():
+    """The others are judged as ever: near v_c all were kept for one of them."""
+
+    class Narrow:
+        prior_mean, prior_std = np.zeros(1), np.ones(1)
+
+        def modes(self, speed, theta):
+            rate, residue = -0.001 + 17.0j, 1.0 + 3e-4j
+            return np.array([[rate, rate.conjugate()]]), np.array([[residue, residue.conjugate()]])
+
+    spectra = Spectra(flat_levels([7.0]), 0.0, 99.0)
+    fit = Fit(Narrow(), spectra, np.array([math.log(1e-9)]))
+    own = spectra.of_modes(*fit.law.modes(spectra.speed, fit.theta), leakage=False)
+    assert math.isfinite(fit.cost)
+    assert own.min() < -1e-6
+    assert not fit.own_bins()[own < 0.0].any()
+
+
 def test_motion_that_is_damped_more_where_it_is_larger_stays_also_beyond_v_c():
     growth = np.array([-2.0, -0.1, 0.0, 0.3])
     held = held_growth(growth, np.full(4, 0.01))
