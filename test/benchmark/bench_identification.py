@@ -220,7 +220,7 @@ FALLS_SHORT = (
     'What falls short: two staircases of a hundred get no fold, for a lack of fit of 1 %; in '
     "the one looked at, the roller's line is three times the hunting frequency at 8.0 m/s, "
     'and the amplitude there beats by 2 %. Ramps of 25 s of the rig whose conicity is of fifth '
-    'order hold v_c in 2 of 5, up to 4.3 deviations off: what exactly the quintic form is given '
+    'order hold v_c in 3 of 5, up to 4.3 deviations off: what exactly the quintic form is given '
     'beforehand makes the intervals of a short recording too narrow. On the rig of 14 m/s v_c is '
     '0.5 % low. The hour takes longer than its goal. On free trajectories p of the lack of fit '
     'is too small: it is no probability there, and flags nothing by itself. Five staircases of '
