@@ -206,8 +206,8 @@ def measured(arguments: Namespace, pool: Executor) -> str:
         ' bound, 90 to 99 % covered. What falls short: far from v_c the smooth law often has no'
         ' answer yet, and the answers it gives lie low (runs whose spectra happened to sharpen'
         ' early are the ones that answer), the last column says how often their intervals'
-        ' hold; on the supercritical rig the wheelset law is a little more than 2.5 % off beyond'
-        ' v_c.\n\n' + markdown(header, rows)
+        ' hold; beyond v_c of the supercritical rig those of the wheelset law hold in less than'
+        ' 90 %.\n\n' + markdown(header, rows)
     )
 
 
