@@ -251,8 +251,6 @@ class Estimator:
             signal, turning, track[f'{name}_amplitude']
         )
         there = np.isfinite(frequency)
-        if not there.any():
-            return
         slower = frequency < self.config.hunting_frequency_hz
         rows['doubts'][there & slower] |= np.uint32(doubts.TOO_SLOW)
         rows['doubts'][there & ~slower] |= np.uint32(doubts.TOO_FAST)

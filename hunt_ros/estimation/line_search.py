@@ -19,8 +19,8 @@ from hunt_ros.estimation.spectrum import without_lines
 _F = NDArray[np.float64]
 
 #: A motion is what two windows in a row show, each of so many periods of the lowest frequency: a
-#: blow, and what rings on after it, is in one of them. They move on by this part of their length.
-_PERIODS, _STEP = 5.0, 0.2
+#: blow, and what rings on after it, is in one of them. They move on by one of so many parts.
+_PERIODS, _PARTS = 5.0, 5
 #: Places of the spectrum in one of its own bins.
 _FINER = 8
 #: How far beyond the range lines are looked for, and how far the range itself is stretched.
@@ -66,9 +66,9 @@ class LineSearch:
     def __init__(
         self, rate_hz: float, low_hz: float, high_hz: float, orders: Sequence[float] = (1.0, 2.0)
     ) -> None:
-        size = math.ceil(_PERIODS * rate_hz / low_hz)
+        self._every = math.ceil(_PERIODS / _PARTS * rate_hz / low_hz)
+        size = _PARTS * self._every
         self._window = np.hanning(size + 2)[1:-1]
-        self._every = math.ceil(_STEP * size)
         self.looks_for = 2 * size + self._every
         hz = self._hz = np.fft.rfftfreq(_FINER * size, 1.0 / rate_hz)
         self._seen = (hz > low_hz / _BEYOND) & (hz < min(_BEYOND * high_hz, 0.4 * rate_hz))
@@ -77,6 +77,8 @@ class LineSearch:
         #: Of as many values as both windows hold: value, known frequency, amplitude followed.
         self._last = np.full((3, 2 * size), math.nan)
         self._count = 0
+        #: Of the windows up to one that begins where the first one ends; NaN: too few values.
+        self._spectra = [np.full(hz.size, math.nan)] * (_PARTS + 1)
         self._line = np.full(2, math.nan)
 
     def update(
@@ -111,19 +113,21 @@ class LineSearch:
         self._last = history[:, block.shape[1] :]
         return line
 
+    def _spectrum(self, values: _F) -> _F:
+        """Return the amplitudes in a window; NaN where it has too few values."""
+        weight = self._window * np.isfinite(values)
+        if weight.sum() < 0.5 * self._window.sum():
+            return np.full(self._hz.size, math.nan)
+        flat = without_lines(np.nan_to_num(values), np.arange(1.0 * values.size), (), weight)
+        size = np.abs(np.fft.rfft(weight * flat, _FINER * values.size))
+        return np.asarray(2.0 * size / weight.sum())
+
     def _look(self, history: _F) -> _F:
         """Return frequency and amplitude of the strongest line in both windows; NaN: none."""
-        none, hz = np.full(2, math.nan), self._hz
-        sizes, tracked = [], 0.0
-        for values, _, followed in np.split(history, 2, axis=1):
-            weight = self._window * np.isfinite(values)
-            if weight.sum() < 0.5 * self._window.sum():
-                return none
-            flat = without_lines(np.nan_to_num(values), np.arange(values.size), (), weight)
-            size = np.abs(np.fft.rfft(weight * flat, _FINER * values.size))
-            sizes.append(2.0 * size / weight.sum())
-            tracked = max(tracked, float(np.mean(np.where(np.isnan(followed), np.inf, followed))))
-        size = np.minimum(*sizes)
+        hz = self._hz
+        self._spectra = [*self._spectra[1:], self._spectrum(history[0, self._window.size :])]
+        size = np.minimum(self._spectra[0], self._spectra[-1])
+        tracked = history[2].reshape(2, -1).mean(axis=1).max()  # NaN: nothing is larger
         easier = 1.0 if math.isnan(self._line[0]) else _RELAXED
         peak = np.zeros(hz.size, dtype=np.bool_)
         peak[1:-1] = (size[1:-1] >= size[:-2]) & (size[1:-1] > size[2:])
@@ -140,5 +144,5 @@ class LineSearch:
         for place in sorted(np.flatnonzero(good).tolist(), key=lambda k: -size[k]):
             around = (hz * _AROUND > hz[place]) & (hz < _AROUND * hz[place])
             if easier * steep[place] > _CLEAR * np.median(steep[around]):
-                return np.array([hz[place], sizes[1][place]])
-        return none
+                return np.array([hz[place], self._spectra[-1][place]])
+        return np.full(2, math.nan)
