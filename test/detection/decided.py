@@ -42,11 +42,12 @@ def decided(
     form: FormNumbers | None = None,
     memory: np.ndarray | None = None,
     speed: float | np.ndarray = math.nan,
+    std: float | np.ndarray = 1e-6,
 ) -> np.ndarray:
-    """Return the rows of an amplitude that is known to 1 um, m."""
+    """Return the rows of an amplitude that is known to 1 um, or to `std`, m."""
     rows = blank_rows(np.zeros(amplitude.size, dtype=np.int64))
     rows['speed'], rows['step'] = speed, 0.0
-    rows['judged'], rows['judged_std'] = amplitude, 1e-6
+    rows['judged'], rows['judged_std'] = amplitude, std
     none, all_of_it = np.zeros(amplitude.size, np.bool_), np.ones(amplitude.size, np.bool_)
     decisions.decide(
         rules,

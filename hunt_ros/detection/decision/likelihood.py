@@ -92,8 +92,6 @@ SOME = 1.0 / 3.0
 _MOST = 4.0 / 3.0
 #: The form is exact to this part: its growth rate may be as near to zero as that.
 _EXACT = 0.5
-#: An amplitude is well known when its standard deviation is below this part of it.
-SURE = 0.1
 
 #: A jump less than so many marks after another one is no kick: the noise has risen.
 SELDOM = 4 * HORIZONS[_TELLING - 1]
@@ -134,12 +132,6 @@ LIKELIHOOD: np.dtype[np.void] = np.dtype(
     ],
     align=True,
 )
-
-
-@compiled_part
-def well_known(a: float, s: float) -> bool:
-    """Return True where the standard deviation (m) is small beside the amplitude (m)."""
-    return bool(s < SURE * a)
 
 
 @compiled_part
@@ -385,7 +377,9 @@ def _compare(rules: Rules, memory: Any, j: int, drift: float, count: bool) -> No
     h = HORIZONS[j]
     a0, freedom = memory['a'][h], memory['freedom'][j]
     span = h * rules.step * rules.period_s
-    variance = memory['noise'][j] + _found_out(memory['s'][h], memory['s'][0])
+    # Whatever was smoothed away before: over the longest, none is known better than its end.
+    unsure = memory['s'][0] ** 2 * h / HORIZONS[_TELLING - 1]
+    variance = max(memory['noise'][j], unsure) + _found_out(memory['s'][h], memory['s'][0])
     y = memory['a'][0] - math.sqrt(a0 * a0 + _RICE * variance)
     chain = memory['marks'] % h
     still = _student(y, variance, freedom)

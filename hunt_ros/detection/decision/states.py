@@ -86,6 +86,8 @@ _SURE = 3.0
 #: To fall ends an alarm and raises none: it takes less than the whole evidence. To hold is asked
 #: only of what is no noise: not once a mark, but once a kick.
 _FALLING, _HOLDING = 2.0 / 3.0, 0.25
+#: An amplitude is well known when its standard deviation is below this part of it.
+_WELL_KNOWN = 0.1
 #: The amplitude of the limit cycle is followed at this pace while the speed changes, s.
 _FOLLOW_S = 5.0
 
@@ -182,7 +184,7 @@ def _follow(rules: Rules, memory: Any, changed: bool, a: float, s: float) -> Non
     hunting = memory['hunting']['word']
     if hunting not in (ESCAPING, LIMIT_CYCLE):
         return
-    sure = likelihood.well_known(a, s)
+    sure = s < _WELL_KNOWN * a
     if changed or math.isnan(memory['reference']):
         memory['reference'] = a if changed or sure else math.nan
     elif hunting == ESCAPING:

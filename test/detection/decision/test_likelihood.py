@@ -66,6 +66,17 @@ def test_what_grows_out_of_the_noise_is_escaping_before_it_is_large(rate: float)
     assert late <= 1
 
 
+def test_an_amplitude_that_is_no_longer_well_known_does_not_grow() -> None:
+    t = np.arange(100 * ROWS) / ROWS
+    said, rules = 0, rules_of(DetectorConfig(), math.nan, math.nan)
+    for seed in range(10):  # a filter that opens: it showed nothing of what was there before
+        amplitude = np.abs(noise(100.0, 0.4, CALM, seed)) * np.interp(t, [60.0, 62.0], [0.02, 1.0])
+        std = np.interp(t, [60.0, 62.0], [0.5e-6, 3e-6])
+        states = decided(amplitude, rules, std=std)['state']
+        said += np.isin(states, HUNTING).any()
+    assert said <= 1
+
+
 def kicked(damping: float, seed: int) -> np.ndarray:
     """Return 30 s of noise, then 20 s of a motion of 40 times its size that is damped."""
     t = np.arange(50 * ROWS) / ROWS
