@@ -338,7 +338,7 @@ def _runs(
 
 def _mode_shape(runs: Sequence[Run]) -> ModeShape | None:
     """Measure the shape wherever both sensors show it; None where nothing does."""
-    windows = np.concatenate([measured_ratio(run.seen) for run in runs])
+    windows = np.concatenate([measured_ratio(run.envelope) for run in runs])
     return fitted_shape(
         windows['speed'],
         windows['amplitude'],

@@ -32,8 +32,8 @@ from hunt_ros.identification.record.kicks import find_kicks
 from hunt_ros.identification.record.screening import (
     Digest,
     Stretch,
-    free_of_contact,
     moving,
+    parted_by_contact,
     sketch_of,
     without_contact,
 )
@@ -175,7 +175,7 @@ def runs_in(
         channels = channels.with_yaw(record)
         channels = replace(channels, source=recording.name or channels.source)
         seen, clean = tracked_envelope(channels, frequency_hz, settings, fixed_hz, turning)
-        envelope = free_of_contact(seen, clearance_m, said)
+        seen, envelope = parted_by_contact(seen, channels, clearance_m, said)
         if np.isfinite(envelope.amplitude).sum() < 4:
             least = FEWEST_SAMPLES * frequency_hz / WINDOW_CYCLES
             said.append(

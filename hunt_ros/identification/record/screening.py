@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 from scipy.stats import linregress
 
 from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification.record.channels import Channels, channels_of, refuse, runs
-from hunt_ros.identification.record.envelope import Envelope
+from hunt_ros.identification.record.envelope import WINDOW_CYCLES, Envelope
 from hunt_ros.identification.settings import FREQUENCIES_HZ, IdentificationSettings
 from hunt_ros.samples import NANOSECONDS, Record, Series
 
@@ -266,46 +267,61 @@ def without_contact(channels: Channels, settings: IdentificationSettings) -> Cha
     """
     if not settings.flange_clearance_m:
         return channels
-    away = np.abs(channels.lateral - np.nanmedian(channels.lateral))
-    touching = away >= _TOUCHES * settings.flange_clearance_m
+    touching = _travel(channels) >= _TOUCHES * settings.flange_clearance_m
     reach = round(0.5 * channels.rate_hz / FREQUENCIES_HZ[0])
     near = maximum_filter1d(touching, 2 * reach + 1)
     free = np.where(near, np.nan, channels.lateral)
     return replace(channels, lateral=free) if np.isfinite(free).any() else channels
 
 
-def free_of_contact(envelope: Envelope, clearance: float, warnings: list[str]) -> Envelope:
+def parted_by_contact(
+    envelope: Envelope, channels: Channels, clearance: float, warnings: list[str]
+) -> tuple[Envelope, Envelope]:
     """
-    Take out the motion in which a flange touches: no smooth growth law holds there.
+    Part the motion in which a flange touches from the rest: no smooth growth law holds there.
 
     Parameters
     ----------
     envelope : Envelope
         Of one recording.
+    channels : Channels
+        What it is the envelope of. In contact the frequency is another one, and the envelope
+        shows little of the motion.
     clearance : float
-        Amplitude at which a flange touches, m; 0: not known.
+        Displacement at which a flange touches, m; 0: not known.
     warnings : list of str
         Grows by how long it touched.
 
     Returns
     -------
-    Envelope
-        With NaN there.
+    seen, free : Envelope
+        Where a flange touched in the window the one has the displacement as its amplitude, the
+        other NaN.
     """
     if not clearance:
-        return envelope
-    # The wheelset travels by the hunting and by what the roller's lines make of it.
-    lines = np.sqrt(2.0 * np.nan_to_num(np.maximum(envelope.line_power, 0.0)))
-    travel = envelope.amplitude + lines
-    touching = travel >= _TOUCHES * clearance
+        return envelope, envelope
+    window = WINDOW_CYCLES / float(np.median(envelope.frequency))
+    travel = np.nan_to_num(_travel(channels))
+    largest = maximum_filter1d(travel, 2 * round(0.5 * window * channels.rate_hz) + 1)
+    at = np.minimum(np.searchsorted(channels.time, envelope.time), travel.size - 1)
+    touching = largest[at] >= _TOUCHES * clearance
     if not touching.any():
-        return envelope
+        return envelope, envelope
     warnings.append(
-        f'{envelope.source}: flange contact for {envelope.step * touching.sum():.3g} s: hunting'
-        f" and the roller's lines come to {float(np.nanmax(travel)):.3g} m, the clearance is"
-        f' {clearance:.3g} m; it is not fitted'
+        f'{envelope.source}: flange contact for {envelope.step * touching.sum():.3g} s: the'
+        f' displacement comes to {travel.max():.3g} m, the clearance is {clearance:.3g} m;'
+        ' it is not fitted'
     )
-    return replace(envelope, phasor=np.where(touching, complex(np.nan, np.nan), envelope.phasor))
+    seen, free = (
+        replace(envelope, phasor=np.where(touching, there, envelope.phasor))
+        for there in (largest[at].astype(complex), np.full(at.size, complex(np.nan, np.nan)))
+    )
+    return seen, free
+
+
+def _travel(channels: Channels) -> NDArray[np.float64]:
+    """Return how far the wheelset is from its middle, m."""
+    return np.abs(channels.lateral - np.nanmedian(channels.lateral))
 
 
 def held_amplitude(states: Sequence[SteadyState], threshold: float | None) -> tuple[float, str]:
