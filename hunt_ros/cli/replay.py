@@ -34,7 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add = partial(options.add, parser)
     add('bag', type=Path, help='folder, .mcap or .db3')
     add('--normal-form', '--rig', '--channel', '--json')
-    options.add_set(parser, 'criteria=[cfr_213_333]', hunting_detector=_KINDS)
+    options.add_set(parser, 'criteria=[cfr_213_333]', {}, hunting_detector=_KINDS)
     what = 'a new run with default settings, also where the recording holds a live one'
     add('--fresh', **options.FLAG, help=what)
     add('--live', **options.FLAG, help='publish it to the running nodes')

@@ -289,7 +289,9 @@ def given_settings(arguments: argparse.Namespace, names: Iterable[str]) -> dict[
     return {name: value for name, value in found.items() if value is not None}
 
 
-def add_set(parser: argparse.ArgumentParser, example: str, **nodes: _Kinds) -> None:
+def add_set(
+    parser: argparse.ArgumentParser, example: str, short: Mapping[str, str], **nodes: _Kinds
+) -> None:
     """
     Add `--set NAME=VALUE`, the value as YAML, which wins over that in the files of `--rig`.
 
@@ -299,6 +301,8 @@ def add_set(parser: argparse.ArgumentParser, example: str, **nodes: _Kinds) -> N
         `set` is a list of (section of a parameter file, name, value).
     example : str
         For the help.
+    short : mapping of str to str
+        Option -> setting that it gives as well; a list between commas or colons.
     **nodes : tuple of types of Settings
         Node -> those of it that may be given. What the rig has too is meant for every node.
     """
@@ -323,8 +327,18 @@ def add_set(parser: argparse.ArgumentParser, example: str, **nodes: _Kinds) -> N
             value = '[]' if isinstance(item.default, tuple) else "''"
         return SHARED if name in PARAMETERS else node, name, value
 
+    def valued(name: str) -> Callable[[str], tuple[str, str, str]]:
+        """Return the type of an option that stands for a setting."""
+        if isinstance(known[name][1].default, tuple):
+            return lambda text: parse(f'{name}=[{text.replace(":", ",")}]')
+        return lambda text: parse(f'{name}={text}')
+
     what = f'a setting, in place of that in the rig file: {example}; repeatable'
-    add(parser, '--set', type=parse, action='append', default=[], metavar='NAME=VALUE', help=what)
+    given: dict[str, Any] = {'action': 'append', 'default': []}
+    add(parser, '--set', type=parse, metavar='NAME=VALUE', help=what, **given)
+    for option, name in short.items():
+        kind = valued(name)
+        add(parser, option, dest='set', type=kind, metavar='X', help=f'--set {name}=X', **given)
 
 
 def settings_of(arguments: argparse.Namespace, node: str, *kinds: type[_Kind]) -> list[_Kind]:

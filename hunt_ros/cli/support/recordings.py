@@ -20,6 +20,23 @@ from hunt_ros.settings import Settings
 
 #: Whose section of a parameter file is read as well: it does the same in a running suite.
 _NODE = 'normal_form_identifier'
+#: Option -> setting of the rig that it gives, as `--set` does.
+_SHORT = {
+    '--length-scale': 'length_scale_m',
+    '--time-scale': 'time_scale_s',
+    '--sensor-range': 'lateral_range_m',
+    '--clearance': 'flange_clearance_m',
+    '--roller-diameter': 'roller_diameter_m',
+    '--wheel-diameter': 'wheel_diameter_m',
+    '--frequency': 'hunting_frequency_hz',
+    '--lines': 'lines',
+    '--prior-v-c': 'prior_v_c',
+    '--prior-D1': 'prior_D1',
+    '--speed-resolution': 'speed_resolution_mps',
+    '--speed-scale-std': 'speed_scale_std',
+    '--speed-ceiling': 'speed_ceiling_mps',
+    '--minimum-hold': 'minimum_hold_s',
+}
 
 
 def add_recordings(
@@ -30,7 +47,7 @@ def add_recordings(
     add('bags', nargs='+', metavar='BAG', help=what)
     add('--channel', '--rig', '--seed')
     example = 'roller_diameter_m=0.3, lines=[], prior_v_c=[8.0,0.05]'
-    options.add_set(parser, example, **{_NODE: (IdentificationSettings,)}, **nodes)
+    options.add_set(parser, example, _SHORT, **{_NODE: (IdentificationSettings,)}, **nodes)
     left = 'leave out these s since the start of each recording, or of the Nth; repeatable'
     add('--ignore', type=_interval, action='append', metavar='[N:]FROM:TO', help=left)
     where = 'Dask scheduler, tcp://host:8786; its workers read the recordings by the same paths'
