@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from foreign_made import RECORDINGS, RIGS
 from made import LAW, up_and_down
 from records_made import rig_settings
 
@@ -179,3 +180,15 @@ def test_it_stands_first_and_is_json(make):
     json.dumps(seen.to_json(), allow_nan=False)
     assert 'subcritical' in seen.lines()[0]
     assert seen.lines()[1].startswith('seen: v_n between')
+
+
+@pytest.mark.parametrize(
+    ('recording', 'foretold'), [('up alone in 80 s', True), ('ramps of two minutes', False)]
+)
+def test_a_fold_below_every_limit_cycle_that_was_seen_is_called_a_forecast(recording, foretold):
+    rig = RIGS['conicity that saturates']
+    found = identify(RECORDINGS[recording](rig, 0), IdentificationSettings(**rig.told))
+    assert found.v_n is not None
+    said = [line for line in found.warnings if line.startswith('v_n = ')]
+    assert bool(said) is foretold
+    assert not foretold or 'and not to end' in said[0]

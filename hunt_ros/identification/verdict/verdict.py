@@ -390,6 +390,18 @@ def _unsupported(
     if v_c is not None and not failed.keys() & {'speeds', 'critical'} and not low <= v_c <= high:
         end = f'end at {high:.3g} m/s' if v_c > high else f'begin at {low:.3g} m/s'
         warnings.append(f'v_c = {v_c:.3g} m/s is a forecast: the data {end}')
+    fold, (ended, seen_from) = posterior.number('v_n'), evidence.bracket.v_n
+    if (
+        not failed.keys() & set(_FOLD)
+        and fold is not None
+        and ended is None
+        and seen_from is not None
+        and fold.value < seen_from
+    ):
+        warnings.append(
+            f'v_n = {fold.value:.4g} m/s is a forecast: the limit cycle was seen from'
+            f' {seen_from:.4g} m/s on, and not to end'
+        )
     shaped = law.criticality != 'supercritical' and not failed.keys() & set(_CUBIC)
     if shaped and size > _BEYOND * top:
         warnings.append(
