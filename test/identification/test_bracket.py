@@ -192,3 +192,12 @@ def test_a_fold_below_every_limit_cycle_that_was_seen_is_called_a_forecast(recor
     said = [line for line in found.warnings if line.startswith('v_n = ')]
     assert bool(said) is foretold
     assert not foretold or 'and not to end' in said[0]
+
+
+@pytest.mark.parametrize('seed', [0, 3])
+def test_a_law_that_knows_no_critical_speed_does_not_overrule_rest_beside_a_limit_cycle(seed):
+    rig = RIGS['conicity that saturates']
+    found = identify(RECORDINGS['kicked holds'](rig, seed), IdentificationSettings(**rig.told))
+    assert found.criticality == 'subcritical'
+    low, high = found.bracket.v_n
+    assert low < rig.v_n < high

@@ -195,7 +195,7 @@ def conclude(
     form = None if why['correlations'] else posterior.identified(speed_std)
     criticality = None if why['criticality'] else best.law.criticality
     bracket = evidence.bracket
-    if bracket.coexistence is not None and criticality == 'supercritical':
+    if bracket.coexistence is not None and criticality == 'supercritical' and not why['v_c']:
         # Rest was no longer than the slow growth of a law that fits: it shows no coexistence.
         bracket = replace(bracket, coexistence=None)
     elif bracket.coexistence is not None:
@@ -373,7 +373,11 @@ def _unsupported(
     elif 1.0 - EXISTS < soft < EXISTS:
         failed['cubic'] = f'{percent(1.0 - soft)} subcritical: the sign of D4 is not determined'
     if law.criticality == 'supercritical':
-        failed['subcritical'] = 'a supercritical rig has no fold and no unstable branch'
+        failed['subcritical'] = (
+            'the law has no fold, against what was seen'
+            if evidence.bracket.coexistence and 'critical' in failed
+            else 'a supercritical rig has no fold and no unstable branch'
+        )
     elif not moved:
         failed['subcritical'] = 'no free transient: none passed by the unstable branch'
     size, sizes = _limit(law, high), np.array([_limit(x, high) for x in posterior.drawn])
