@@ -34,6 +34,8 @@ _ARRAYS = {
     'tuple[int, ...]': Parameter.Type.INTEGER_ARRAY,
 }
 _FIXED, _FORM = 'set at the start only', 'normal_form.'
+#: So alike a name that is not there is a slip for one that is.
+_SLIP = 0.85
 #: Gets the settings by their class as they would be, those that do not change among them.
 Check = Callable[[Mapping[type, Any]], None]
 
@@ -127,13 +129,14 @@ def _take(groups: Sequence[_Group], parameters: Sequence[Parameter]) -> SetParam
 
 
 def refuse_unknown(node: Node) -> None:
-    """Refuse a parameter that was given to the node but means nothing to it: ConfigError."""
+    """Refuse a slip in the name of a parameter: ConfigError. What another node has is ignored."""
     for name in sorted(node._parameter_overrides):  # rclpy has no public list of them
         foreign = name.startswith(('qos_overrides.', _FORM))
         # The rig is described to all nodes, and each takes what it needs.
         if not node.has_parameter(name) and not foreign and name not in RIG:
-            near = difflib.get_close_matches(name, node._parameters, 1) or ['another']
-            raise ConfigError(f'unknown parameter {name!r}, expected {near[0]}')
+            if near := difflib.get_close_matches(name, node._parameters, 1, _SLIP):
+                raise ConfigError(f'unknown parameter {name!r}, expected {near[0]}')
+            node.get_logger().warning(f'unknown parameter {name!r} is ignored')
 
 
 def read_wheelset(path: str) -> RigParameters:
