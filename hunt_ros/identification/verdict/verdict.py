@@ -395,13 +395,8 @@ def _unsupported(
         end = f'end at {high:.3g} m/s' if v_c > high else f'begin at {low:.3g} m/s'
         warnings.append(f'v_c = {v_c:.3g} m/s is a forecast: the data {end}')
     fold, (ended, seen_from) = posterior.number('v_n'), evidence.bracket.v_n
-    if (
-        not failed.keys() & set(_FOLD)
-        and fold is not None
-        and ended is None
-        and seen_from is not None
-        and fold.value < seen_from
-    ):
+    folds = not failed.keys() & set(_FOLD)
+    if folds and fold and ended is None and fold.value < (seen_from or 0.0):
         warnings.append(
             f'v_n = {fold.value:.4g} m/s is a forecast: the limit cycle was seen from'
             f' {seen_from:.4g} m/s on, and not to end'
