@@ -31,7 +31,7 @@ NAME = 'hunt_ros'
 #: ros/rosdistro, 2026-08-22.
 OF_ROS = {
     'rclpy', 'builtin_interfaces', 'std_msgs', 'std_srvs', 'geometry_msgs', 'sensor_msgs',
-    'diagnostic_msgs', 'rosgraph_msgs', 'lifecycle_msgs', 'rcl_interfaces', 'launch',
+    'diagnostic_msgs', 'rosgraph_msgs', 'rcl_interfaces', 'launch',
     'launch_ros', 'ros2launch', 'ament_index_python',
 }  # fmt: skip
 #: What a key of rosdep brings on Ubuntu 24.04: `rosdep/python.yaml` of ros/rosdistro, 2026-08-22.

@@ -130,7 +130,7 @@ def test_a_rig_that_cannot_be_is_one_line(bag, tmp_path, capsys, text, section, 
 
 
 def test_a_slip_in_the_section_of_the_detector_is_told(bag, tmp_path, capsys) -> None:
-    path = _file(tmp_path, 'alarm_lateral: 1.0, autostart: false', 'hunting_detector')
+    path = _file(tmp_path, 'alarm_lateral: 1.0', 'hunting_detector')
     assert main(['replay', str(bag), '--rig', str(path)]) == 2
     assert 'unknown alarm_lateral, expected alarm_lateral_mm' in capsys.readouterr().err
 

@@ -193,11 +193,6 @@ class RollerCommand:
             self._held = None if math.isnan(self._last) else self.forced_mps
             self.forced_mps, self.stopped = math.inf, False
 
-    def let_go(self) -> None:
-        """Stop the profile and leave the drive alone; what is forced stays in force."""
-        self.stop()
-        self._last, self._rate, self._held = math.nan, 0.0, None
-
     def next(
         self, passed_s: float, measured_mps: float, motion: Motion | None = None
     ) -> float | None:

@@ -27,8 +27,6 @@ from hunt_ros.errors import one_line
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.suite import Awaited
 
-#: The roller stands below this, m/s.
-_STANDS_MPS = 0.05
 #: An emergency stop has to show on the encoder by this much, m/s.
 _SLOWED_MPS = 0.03
 #: Readings are compared with what they should be so often, s.
@@ -60,7 +58,7 @@ class SpeedGuard:
         See `RollerCommand`.
     connection : callable
         Returns level and words of what is wrong with the connection to the drive, ('OK', '')
-        where nothing is; None where none is wanted yet.
+        where nothing is.
     silent_s : callable
         Returns how long ago the drive sent its last reading, s.
 
@@ -86,7 +84,7 @@ class SpeedGuard:
         autostart: bool = False,
         real_time: bool = True,
         longest_step_s: float = math.inf,
-        connection: Callable[[], tuple[str, str] | None] = lambda: ('OK', ''),
+        connection: Callable[[], tuple[str, str]] = lambda: ('OK', ''),
         silent_s: Callable[[], float] = lambda: 0.0,
     ) -> None:
         self.command = RollerCommand(limits, longest_step_s)
@@ -151,7 +149,7 @@ class SpeedGuard:
 
     def trouble(self) -> tuple[str, str]:
         """Return level and words of what is wrong with the drive; ('OK', '') where nothing is."""
-        level, words = self._connection() or ('OK', '')
+        level, words = self._connection()
         if words:
             return level, words
         if self.refusal:
@@ -167,7 +165,7 @@ class SpeedGuard:
         Parameters
         ----------
         steady_ns, now_ns : int
-            Steady clock, and that of the profile; to be called every 20 ms while active.
+            Steady clock, and that of the profile; to be called every 20 ms.
         """
         with self.deciding:
             now_s, measured_mps = steady_ns / NANOSECONDS, self.measured_mps
@@ -182,10 +180,10 @@ class SpeedGuard:
             if self.interlock.state == 'tripped' and goal < before:
                 self.autostart = False
                 if self.command.trip(goal, measured_mps) < before:
-                    self.decide(steady_ns, now_ns, active=True, there=True)
+                    self.decide(steady_ns, now_ns, there=True)
             return self._noted(change)
 
-    def decide(self, steady_ns: int, now_ns: int, active: bool, there: bool) -> None:
+    def decide(self, steady_ns: int, now_ns: int, there: bool) -> None:
         """
         Post the set point that holds now, if there is one.
 
@@ -193,8 +191,8 @@ class SpeedGuard:
         ----------
         steady_ns, now_ns : int
             Steady clock, and that of the profile.
-        active, there : bool
-            The node is active; there is a drive, or was one.
+        there : bool
+            There is a drive, or was one.
         """
         with self.deciding:  # an emergency stop comes before or after, not between
             busy, (target_mps, decided_ns) = self.answered < self._posted, self.taken
@@ -204,7 +202,7 @@ class SpeedGuard:
             # On the way down time counts from the set point that the drive has: none may rise.
             since_ns = (decided_ns if forced else 0) or self._asked_ns
             passed_s = (now_ns - since_ns) / NANOSECONDS if since_ns else 0.0
-            speed_mps = self._due(steady_ns, passed_s, active, busy)
+            speed_mps = self._due(steady_ns, passed_s, busy)
             if speed_mps is not None and there:
                 self.post(speed_mps, now_ns)
             elif not busy:
@@ -212,16 +210,13 @@ class SpeedGuard:
             if not busy:
                 self._asked_ns = now_ns
 
-    def _due(self, steady_ns: int, passed_s: float, active: bool, busy: bool) -> float | None:
+    def _due(self, steady_ns: int, passed_s: float, busy: bool) -> float | None:
         """Return the set point that is due; None where the drive is left alone."""
         if busy and not self.command.forced:
             return None
-        if self.autostart and active:
-            self.waits = self._begin(steady_ns, '')
+        if self.autostart:
+            self.waits = self._begin(steady_ns)
             self.autostart = bool(self.waits)
-        if not (active or self.command.forced):
-            self.command.let_go()
-            return None
         return self.command.next(passed_s, self.measured_mps, self.interlock.motion(steady_ns))
 
     def post(self, speed_mps: float, decided_ns: int) -> int:
@@ -246,35 +241,29 @@ class SpeedGuard:
         self.answered = number
         return None if self.refusal else speed_mps
 
-    def _begin(self, now_ns: int, against: str) -> str:
-        against = against or self.interlock.refusal(now_ns)
-        return self.command.start(self.interlock.motion(now_ns), against)
+    def _begin(self, now_ns: int) -> str:
+        return self.command.start(self.interlock.motion(now_ns), self.interlock.refusal(now_ns))
 
     def _by_a_person(self) -> RollerCommand:
         """Return the command; from now on nothing starts by itself."""
         self.autostart, self.waits = False, ''
         return self.command
 
-    def start(self, now_ns: int, against: str) -> str:
-        """Start the profile; return '' or why not, `against` among it."""
+    def start(self, now_ns: int) -> str:
+        """Start the profile; return '' or why not."""
         with self.deciding:
             self._by_a_person()
-            return self._begin(now_ns, against)
+            return self._begin(now_ns)
 
-    def resume(self, now_ns: int, against: str) -> str:
+    def resume(self, now_ns: int) -> str:
         """Go on with the profile; return '' or why not."""
         with self.deciding:
-            return self.command.resume(against or self.interlock.refusal(now_ns))
+            return self.command.resume(self.interlock.refusal(now_ns))
 
     def stop(self) -> str:
         """Hold the speed of this moment; only a person starts anything after it."""
         with self.deciding:
             return self._by_a_person().stop()
-
-    def let_go(self) -> None:
-        """Leave the drive alone, but for what is forced."""
-        with self.deciding:
-            self._by_a_person().let_go()
 
     def emergency_stop(self, speed_mps: float, now_ns: int) -> tuple[int, float]:
         """
@@ -371,11 +360,11 @@ class SpeedGuard:
             before, self._saved = self._saved, self._kept
             return self._kept.to_json() if self._kept != before else ''
 
-    def present(self, active: bool) -> tuple[str, str]:
-        """Return level and one line, the gravest first; `active`: the node is."""
+    def present(self) -> tuple[str, str]:
+        """Return level and one line, the gravest first."""
         with self.deciding:
             interlock, command = self.interlock, self.command
-            level, words = ('OK', '') if self._connection() is None else self.trouble()
+            level, words = self.trouble()
             if command.forced:
                 tripped = f'interlock tripped: {interlock.cause}'
                 said = (
@@ -386,10 +375,8 @@ class SpeedGuard:
                 if (more := words or self._fault) and more != interlock.cause:
                     said += f' ({more})' if words else f'; {more}'
                 return 'ERROR', said
-            if not active and (measured_mps := self.measured_mps) > _STANDS_MPS:
-                return 'ERROR', f'nobody guards: inactive at {measured_mps:.2f} m/s'
-            if words or not active:
-                return level, words or 'inactive'
+            if words:
+                return level, words
             if self._fault:
                 return 'ERROR', self._fault
             if interlock.state == 'disarmed':
@@ -402,11 +389,11 @@ class SpeedGuard:
                 return Awaited('WARN'), f'the profile waits: {self.waits}'
             return 'OK', command.note or interlock.cause
 
-    def values(self, active: bool) -> dict[str, object]:
+    def values(self) -> dict[str, object]:
         """Return what `speed/status` tells of profile and interlock."""
         with self.deciding:
             command, interlock = self.command, self.interlock
-            profile, off = command.profile, not active and not command.forced
+            profile = command.profile
             return {
                 'speed_mps': self.readings.speed_mps,
                 'target_mps': self.target_mps,
@@ -417,8 +404,8 @@ class SpeedGuard:
                 'profile_elapsed_s': float(command.elapsed_s),
                 'profile_remaining_s': float(command.remaining_s),
                 'interlock': interlock.settings.interlock,
-                'interlock_state': 'off' if off else interlock.state,
-                'interlock_cause': 'the node is inactive' if off else interlock.cause,
+                'interlock_state': interlock.state,
+                'interlock_cause': interlock.cause,
                 'interlock_code': interlock.code,
                 'emergency_stop': str(command.stopped).lower(),
                 'alarm_kept': '' if self._alarmed else self._kept.alarm,

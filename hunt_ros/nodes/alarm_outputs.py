@@ -76,9 +76,6 @@ class AlarmOutputsNode(SuiteNode):
     def close(self) -> None:
         """End the outputs; a relay is switched off."""
         self._answers.close(0.0)
-        for worker in self._workers:
-            worker.stopping.set()
-        self._wake()
         super().close()
 
     def _on_status(self, message: DiagnosticArray) -> None:
@@ -97,9 +94,10 @@ class AlarmOutputsNode(SuiteNode):
         """Have every output show a condition that is new."""
         if self._call.look(time.monotonic()):
             self.get_logger().info(f'{self._call.condition.value}: {self._call.cause}')
-            self._wake()
+            self.wake()
 
-    def _wake(self) -> None:
+    def wake(self) -> None:
+        """Have every output look."""
         for changed in self._changed.values():
             changed.set()
 
@@ -141,7 +139,7 @@ class AlarmOutputsNode(SuiteNode):
         said = [f'{name}: {why}' for name in self._outputs if (why := self._try(name, _show_test))]
         time.sleep(_TEST_S)
         self._testing = False
-        self._wake()  # what they show again is how things stand
+        self.wake()  # what they show again is how things stand
         if said:
             raise DriverError('; '.join(said))
         before, self._tested = self._tested, _as_clock(time.time())

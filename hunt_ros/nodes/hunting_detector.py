@@ -10,13 +10,11 @@ from __future__ import annotations
 import math
 import threading
 from dataclasses import dataclass
-from itertools import groupby
 from queue import SimpleQueue
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
-from rclpy.lifecycle import State, TransitionCallbackReturn
 from std_msgs.msg import String
 
 from hunt_ros.compiled import load
@@ -33,7 +31,7 @@ from hunt_ros.nodes.support.conversions import diagnostic
 from hunt_ros.nodes.support.diagnostics import Health, NewSince, log, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import EstimatePublishers
 from hunt_ros.nodes.support.hearing import CallWords, Channels
-from hunt_ros.nodes.support.node import ManagedNode
+from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import (
     declare,
     declare_normal_form,
@@ -60,11 +58,10 @@ class DetectorNodeConfig(Settings):
     """Parameters of the node itself; those of the detector are `DetectorConfig`."""
 
     frame_id: str = setting('roller_rig', 'frame_id of the messages.', fixed=True)
-    autostart: bool = setting(True, 'Configure and activate without being told.', fixed=True)
     rig_name: str = of_rig('rig_name')
 
 
-class HuntingDetectorNode(ManagedNode):
+class HuntingDetectorNode(SuiteNode):
     """Feeds a `HuntingDetector` from the topics, and publishes what it says."""
 
     def __init__(self) -> None:
@@ -89,8 +86,7 @@ class HuntingDetectorNode(ManagedNode):
         if beside.forecast == 'wheelset':
             rig = read_wheelset(beside.forecast_rig)
         self._companions = Companions(beside, self._config, rig)
-        #: Rows of the detector; None: begin anew.
-        self._motions: SimpleQueue[NDArray[np.void] | None] = SimpleQueue()
+        self._motions: SimpleQueue[NDArray[np.void]] = SimpleQueue()
         self.work(_TASK, self._accompany)
         self.create_subscription(String, 'hunting/normal_form', self._on_form, latched())
         self._alarms = self.create_publisher(String, 'hunting/alarms', latched())
@@ -98,50 +94,35 @@ class HuntingDetectorNode(ManagedNode):
         offer(self, 'hunting/acknowledge_alarm', self._acknowledge)
         offer(self, 'hunting/alarm_history', lambda: self._detector.history.to_text())
         offer(self, 'hunting/accept_normal_form', self._accept)
+        rate_hz, frame_id = self._config.output_rate_hz, self._settings.frame_id
+        self._inbox = Channels(self, self._config.channels)
+        self._estimates = EstimatePublishers(self, rate_hz, frame_id)
         # A clock that is set back, or stands still, would hold a timer of its own up.
         self.create_timer(_HAND_OVER_S, self._drain, clock=steady_clock())
         self.create_timer(_TICK_S, self._tick, clock=steady_clock())
         self.create_timer(_STATUS_S, self._publish_status, clock=steady_clock())
-
-    def _advertise(self) -> None:
-        rate_hz, frame_id = self._config.output_rate_hz, self._settings.frame_id
-        self._inbox = Channels(self, self._config.channels)
-        self._estimates = EstimatePublishers(self, rate_hz, frame_id)
-
-    def on_activate(self, state: State) -> TransitionCallbackReturn:
-        """Go on after a pause: an alarm that nobody has acknowledged is still there."""
-        self._detector.restart()
-        self._motions.put(None)
-        self._inbox.clear()
-        return super().on_activate(state)
 
     def _accompany(self, stopping: threading.Event) -> None:
         """Feed what runs beside the detector, in its own thread: a refit delays no estimate."""
         while not stopping.wait(_ROUND_S):
             waiting = [self._motions.get() for _ in range(self._motions.qsize())]
             try:
-                for anew, rows in groupby(waiting, lambda motion: motion is None):
-                    if anew:
-                        self._companions.reset()
-                        self._diagnostics.done(_TASK)
-                        continue
-                    known = [motion for motion in rows if motion is not None]
-                    for verdict in self._companions.update(np.concatenate(known)):
-                        self._on_verdict(verdict)
+                for verdict in self._companions.update(np.concatenate(waiting)) if waiting else ():
+                    self._on_verdict(verdict)
             except Exception as error:  # any: numbers of a rig that nobody has seen
                 self._diagnostics.failed(_TASK, error)
                 self._companions.reset()
 
     def _drain(self) -> None:
         """Hand what has come to the detector, and publish what it says."""
-        if not (self._active.is_set() and self._inbox.begun()):
+        if not self._inbox.begun():
             return
         for channel, stamps_ns, values, _ in self._inbox.take():
             self._publish(self._detector.update(channel, stamps_ns, values))
 
     def _tick(self) -> None:
         """Let the detector know what time it is: channels may be silent."""
-        if not (self._active.is_set() and self._inbox.begun()):
+        if not self._inbox.begun():
             return
         # No backlog may be mistaken for silence; and the clock is read after the samples: on a
         # busy machine some would come from the future otherwise.
@@ -180,8 +161,6 @@ class HuntingDetectorNode(ManagedNode):
 
     def _publish_status(self) -> None:
         """Publish it, with what is known of the speed that is held, and of v_c."""
-        if not self._active.is_set():
-            return
         status, v_c = self._detector.status, self._forecast()
         low, high = (math.nan, math.nan) if v_c is None else (v_c.low, v_c.high)
         doubt = '; '.join(status.reasons) if status.level is Level.STALE else ''
@@ -261,8 +240,6 @@ class HuntingDetectorNode(ManagedNode):
         return ''
 
     def _health(self) -> Health:
-        if not self._active.is_set():
-            return 'STALE', 'inactive', {}
         status = self._detector.status
         values: dict[str, object] = {
             'received': self._inbox.received,
@@ -292,8 +269,6 @@ class HuntingDetectorNode(ManagedNode):
     def _alarm(self) -> Health:
         """Return what the detector judges of the motion."""
         status = self._detector.status
-        if not self._active.is_set():
-            return 'STALE', 'the detector is inactive', {}
         text = f'{status.state.label}, region {status.region.label}'
         said = '; '.join([text, *status.reasons, *status.absent])
         self._was_well |= status.level is Level.OK

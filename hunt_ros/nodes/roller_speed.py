@@ -20,7 +20,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
-from rclpy.lifecycle import State, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
@@ -75,8 +74,7 @@ class SpeedConfig(Settings):
     )
     profile_autostart: bool = setting(
         False,
-        'Start the profile at the first activation, as soon as the interlock allows it; any stop'
-        ' ends that.',
+        'Start the profile as soon as the interlock allows it; any stop ends that.',
         fixed=True,
     )
     emergency_speed_mps: float = setting(
@@ -94,7 +92,6 @@ class SpeedConfig(Settings):
     slow_down_at_end: bool = setting(
         True, 'Take the roller to the safe speed before the node ends; false: leave it.'
     )
-    autostart: bool = setting(True, 'Configure and activate without being told.', fixed=True)
 
 
 class RollerSpeedNode(DriverNode[DriveDriver]):
@@ -147,6 +144,8 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         self._asked_s, self._ends_s = math.inf, -math.inf
         self._new = NewSince()
         self._written = joint_writer(['roller'], self._config.frame_id, velocity=True)
+        self._speed = self.create_publisher(TwistStamped, 'speed', stream(MEASUREMENTS))
+        self._announced = self.create_publisher(JointState, 'roller', stream(MEASUREMENTS))
         self._target = self.create_publisher(TwistStamped, 'speed/target', STATUS)
         self._status = self.create_publisher(DiagnosticArray, 'speed/status', latched())
         self._events = self.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
@@ -182,11 +181,6 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         if text := self._guard.unsaved(running=False):  # else what waits is the newest
             self._to_keep.append(text)
         self._keeper.stop()
-
-    def on_deactivate(self, state: State) -> TransitionCallbackReturn:
-        """Stop the profile and leave the drive alone; only a service starts it again."""
-        self._guard.let_go()
-        return super().on_deactivate(state)
 
     def _kept(self) -> tuple[SafetyState, str]:
         """Return what was in force before, and '' or why that is not known."""
@@ -244,25 +238,19 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
     def _reconfigure_interlock(self, settings: InterlockSettings) -> None:
         self._tell(self._guard.reconfigure(self._steady_ns(), settings))
 
-    def _advertise(self) -> None:
-        self._speed = self.create_publisher(TwistStamped, 'speed', stream(MEASUREMENTS))
-        self._announced = self.create_publisher(JointState, 'roller', stream(MEASUREMENTS))
-
     def _attend(self, driver: DriveDriver) -> None:
         """Send the drive its set point, and publish what it took."""
         refused, taken_mps = self._guard.refusal, self._guard.hand_over(driver)
-        if taken_mps is not None and self._active.is_set():
+        if taken_mps is not None:
             now_ns = self.get_clock().now().nanoseconds
             self._target.publish(twist(now_ns, taken_mps, self._config.frame_id))
         if self._guard.refusal and not refused:
             self.get_logger().error(f'set point: {self._guard.refusal}')
 
-    def _take(self, block: DriveBlock, publish: bool) -> None:
+    def _take(self, block: DriveBlock) -> None:
         """Hand in the readings of the drive, and publish them."""
         self._guard.readings.take(time.monotonic(), block)
         self._read_ns = self._profile_ns()
-        if not publish:
-            return
         readings = zip(
             block.stamps_ns.tolist(),
             block.angle_rad.tolist(),
@@ -290,17 +278,14 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         for _, stamps_ns, values, _ in self._lateral.take():
             samples = list(zip(stamps_ns.tolist(), values.tolist(), strict=True))
             self._guard.displacement.take(now_s, samples)
-        active = self._active.is_set()
-        if text := self._guard.unsaved(running=active):
+        if text := self._guard.unsaved(running=True):
             self._to_keep.append(text)
-        if active and (change := self._guard.watch(self._steady_ns(), self._profile_ns())):
+        if (change := self._guard.watch(self._steady_ns(), self._profile_ns())) is not None:
             goal_mps = self._guard.command.forced_mps
             self._tell(change, f'; the roller goes to {goal_mps:.2f} m/s until speed/rearm')
 
-    def _connection(self) -> tuple[str, str] | None:
+    def _connection(self) -> tuple[str, str]:
         """Return level and words of what is wrong with the connection, as the guard wants them."""
-        if self._worker is None:
-            return None
         if link := self._link():
             return link[0], f'drive: {link[1]}'
         namesake = 'another speed node of this name commands the drive, too'
@@ -355,22 +340,20 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
 
     def _send_next(self) -> None:
         """Post the set point that holds now, if there is one and a drive to take it."""
-        active, there = self._active.is_set(), not self._connecting
-        self._guard.decide(self._steady_ns(), self._profile_ns(), active, there)
+        self._guard.decide(self._steady_ns(), self._profile_ns(), not self._connecting)
         note = self._guard.command.note
         if note != self._note:
             self._note = note
             if note:
                 self.get_logger().info(f'profile: {note}')
 
-    def _set_off(self, act: Callable[[int, str], str]) -> str:
+    def _set_off(self, act: Callable[[int], str]) -> str:
         """Start or resume the profile."""
-        against = '' if self._active.is_set() else 'the node is not active'
-        return _done(act(self._steady_ns(), against))
+        return _done(act(self._steady_ns()))
 
     def _emergency_stop(self) -> str:
         """
-        Stop in every state of the node, and say whether the roller slows down.
+        Stop, and say whether the roller slows down.
 
         Only the encoder tells that: a set point that was sent may not have arrived, and a
         drive that took it may not obey. The stop is sent again until `speed/rearm`.
@@ -405,7 +388,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         """Take the roller to where it is safe; return True when it is there, or cannot be."""
         guard, now_s = self._guard, time.monotonic()
         left_alone = math.isnan(guard.target_mps) and not guard.command.forced
-        unguarded = left_alone and (guard.interlock.state == 'disarmed' or self._worker is None)
+        unguarded = left_alone and guard.interlock.state == 'disarmed'
         if unguarded or not self._config.slow_down_at_end:
             return True
         # Again and again: no rearm ends it. Nobody watches where who started this one has died.
@@ -427,14 +410,12 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
 
     def _absence(self) -> str:
         """Return '' or why there is no drive."""
-        if self._worker is None:
-            return 'the node is not configured'
         return '' if self._driver is not None else self._trouble or 'not connected yet'
 
     def _report(self) -> None:
         """Publish how things stand."""
         level, text = self._present()
-        values = self._guard.values(self._active.is_set())
+        values = self._guard.values()
         values |= {'interlock_since_ns': self._since_ns, 'ending': self._asked_s < math.inf}
         now_ns = self.get_clock().now().nanoseconds
         self._status.publish(
@@ -446,7 +427,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         if self._asked_s < math.inf and not guard.trouble()[1]:
             way = f'{guard.measured_mps:.2f} m/s on the way to {guard.command.forced_mps:.2f} m/s'
             return 'OK', f'ending: {way}'
-        return guard.present(self._active.is_set())
+        return guard.present()
 
     def _health(self) -> Health:
         guard = self._guard
@@ -458,7 +439,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             'interlock': guard.interlock.state,
         }
         level, text = self._present()
-        if level == 'OK' and self._active.is_set():
+        if level == 'OK':
             text = f'{guard.readings.speed_mps:.2f} m/s'
         return level, text, values
 

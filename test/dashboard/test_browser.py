@@ -285,7 +285,7 @@ def test_what_holds_the_drive_is_no_large_ok_and_rearm_is_held_down_far_from_the
 @pytest.mark.parametrize(
     ('told', 'words', 'rearm'),
     [
-        ({'level': 'ERROR', 'message': 'nobody guards: inactive at 8.00 m/s'}, 'nobody', False),
+        ({'level': 'ERROR', 'message': 'drive: no answer of it'}, 'drive: no answer', False),
         (
             {
                 'emergency_stop': 'true', 'level': 'ERROR',

@@ -104,24 +104,24 @@ def test_what_cannot_be_shelved_is_refused_with_the_reason(words, told) -> None:
 def test_what_is_shelved_is_said_outlives_the_process_and_takes_no_trip(tmp_path) -> None:
     guard = _guard()
     guard.shelve('limit_cycle 30 the grease, Mia')
-    assert guard.values(True)['shelved'].startswith('limit_cycle until ')
+    assert guard.values()['shelved'].startswith('limit_cycle until ')
     block = DriveBlock(np.array([1]), np.array([math.nan]), np.array([7.0]))
     guard.readings.take(0.0, block)
-    assert guard.present(True)[0] == 'WARN'
+    assert guard.present()[0] == 'WARN'
     for k in range(1, 200):
         guard.hear(k * S // 20, Heard('OK', k, k * S // 20))
         guard.watch(k * S // 20, 0)
     guard.hear(10 * S, Heard('ERROR', 200, 10 * S, 'limit cycle', alarm=True))
     assert guard.watch(10 * S, 0).event == 'interlock_tripped'
-    assert guard.values(True)['interlock_code'] == 'hunting'
+    assert guard.values()['interlock_code'] == 'hunting'
     write_whole(tmp_path / 'state.json', guard.unsaved(running=False))
     assert guard.unsaved(running=False) == '', 'written once'
     again = _guard(read(tmp_path / 'state.json'))
     assert again.interlock.state == 'tripped'
-    assert again.values(True)['alarm_kept'] == 'limit cycle'
-    assert again.values(True)['shelved'].startswith('limit_cycle until ')
+    assert again.values()['alarm_kept'] == 'limit cycle'
+    assert again.values()['shelved'].startswith('limit_cycle until ')
     again.shelve('limit_cycle 0')
-    assert again.values(True)['shelved'] == ''
+    assert again.values()['shelved'] == ''
 
 
 @pytest.mark.parametrize(

@@ -78,19 +78,13 @@ def test_an_emergency_stop_is_not_ramped_and_never_speeds_the_roller_up() -> Non
     assert _command().emergency_stop(2.0, math.nan) == 2.0
 
 
-def test_after_a_rearm_or_a_deactivation_nothing_moves_by_itself() -> None:
+def test_after_a_rearm_nothing_moves_by_itself() -> None:
     command = _command()
     command.start()
     _next(command, 0.5)
     command.emergency_stop(0.0, 0.5)
     command.rearm()
     assert {_next(command, 0.5, 0.5) for _ in range(5)} == {0.0}
-    command.start()
-    _next(command, 0.5)
-    command.let_go()
-    assert command.next(0.5, 0.5) is None
-    assert command.resume() == ''
-    assert _next(command, 0.1, 0.5) == pytest.approx(0.6)
 
 
 def test_a_climb_does_not_go_on_behind_a_trip() -> None:

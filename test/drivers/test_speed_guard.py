@@ -74,7 +74,7 @@ def test_a_speed_node_that_was_killed_sets_no_roller_going(mps, rearm) -> None:
         speeds = np.array([drive.taken[-1] if drive.taken else mps])
         angle = np.array([np.nan])
         guard.readings.take(now_ns / 1e9, DriveBlock(np.array([now_ns]), angle, speeds))
-        guard.decide(now_ns, now_ns, True, True)
+        guard.decide(now_ns, now_ns, True)
     assert all(b <= a for a, b in itertools.pairwise([mps, *drive.taken]))
     assert not drive.taken if rearm else drive.taken[-1] == min(mps, 4.5)
 
@@ -95,10 +95,10 @@ def test_a_set_point_falls_by_the_time_since_the_one_that_the_drive_has() -> Non
     guard.command.trip(6.0, 8.0)
     for now_ms in (100, 200):  # the first one is replaced before the drive takes it
         now_ns = begin_ns + now_ms * 1_000_000
-        guard.decide(now_ns, now_ns, True, True)
+        guard.decide(now_ns, now_ns, True)
     assert guard.hand_over(drive) == pytest.approx(7.8)
     now_ns += 50_000_000
-    guard.decide(now_ns, now_ns, True, True)
+    guard.decide(now_ns, now_ns, True)
     assert guard.hand_over(drive) == pytest.approx(7.75)
 
 
@@ -115,13 +115,11 @@ def test_what_a_drive_said_before_it_fell_silent_is_not_its_speed() -> None:
     assert guard.trouble() == ('STALE', 'the drive has sent nothing for 9.0 s')
 
 
-def test_a_profile_starts_by_itself_in_an_active_node_alone() -> None:
+def test_a_profile_starts_by_itself_once() -> None:
     settings = InterlockSettings(interlock='off')
     guard = SpeedGuard(DriveLimits(), settings, 0.0, SafetyState(), autostart=True)
     guard.command.load(Profile((Hold(5.0, 1.0),)))
-    guard.decide(1, 1, False, True)
-    assert (guard.autostart, guard.command.state) == (True, 'idle')
-    guard.decide(1, 1, True, True)
+    guard.decide(1, 1, True)
     assert (guard.autostart, guard.command.state) == (False, 'running')
 
 
@@ -141,6 +139,6 @@ def test_no_set_point_of_a_trip_rises_however_late_the_drive_takes_it(seed) -> N
             continue
         if rng.random() < 0.2:
             guard.command.trip(guard.target_mps - 0.5, guard.target_mps)
-        guard.decide(now_ns, now_ns, True, True)
+        guard.decide(now_ns, now_ns, True)
     assert all(b <= a for a, b in itertools.pairwise(drive.taken))
     assert drive.taken[-1] < 6.0

@@ -18,8 +18,6 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='the extra ros is not installed')
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
-from lifecycle_msgs.msg import Transition  # noqa: E402
-from lifecycle_msgs.srv import ChangeState  # noqa: E402
 from rcl_interfaces.srv import SetParameters  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
@@ -169,10 +167,6 @@ class Graph:
         answer = self.ask(SetParameters, f'{node}/set_parameters', parameters=wanted)
         return '; '.join(each.reason for each in answer.results if not each.successful)
 
-    def change_state(self, node: str, transition: int) -> None:
-        wanted = Transition(id=transition)
-        assert self.ask(ChangeState, f'{node}/change_state', transition=wanted).success
-
     def end(self, module: str, number: int = signal.SIGINT, timeout_s: float = 15.0) -> int:
         self._processes[module].send_signal(number)
         return self.wait(module, timeout_s)
@@ -239,6 +233,8 @@ class Resident:
         except BaseException:
             rclpy.shutdown()
             raise
+        if hasattr(self.node, 'begin'):
+            self.node.begin()
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
         self._running = True
@@ -256,10 +252,6 @@ class Resident:
         if hasattr(self.node, 'close'):
             self.node.close()
         self.node.destroy_node()
-        # rclpy keeps it, and with it the node in the eyes of others, as long as the process:
-        # a later test in the same domain would find a namesake.
-        if (lifecycle := getattr(self.node, '_state_machine', None)) is not None:
-            lifecycle.destroy_when_not_in_use()
         rclpy.shutdown()
 
 

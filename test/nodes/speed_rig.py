@@ -8,7 +8,6 @@ from collections.abc import Callable
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from lifecycle_msgs.msg import Transition
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool
 
@@ -115,9 +114,7 @@ class Rig:
         self._events = graph.told('hunting/events')
         # A machine that is busy must not look like a detector that is silent.
         patience = {'status_timeout_s': 20.0, **parameters}
-        self.node = resident(node_on(drive), autostart=False, **patience)
-        graph.change_state('roller_speed', Transition.TRANSITION_CONFIGURE)
-        graph.change_state('roller_speed', Transition.TRANSITION_ACTIVATE)
+        self.node = resident(node_on(drive), **patience)
         graph.spin_until(lambda: self._statuses)
 
     @property

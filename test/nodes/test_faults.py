@@ -92,7 +92,6 @@ class Bench:
         settings = InterlockSettings(interlock=mode, amplitude_limit_m=1e-3)
         self.detector, self.drive = Detector(), Drive()
         self.now_ns = self._read_ns = 0
-        self.active = True
         self.guard = SpeedGuard(
             limits, settings, 0.0, SafetyState(), longest_step_s=0.25,
             connection=lambda: ('ERROR', 'drive: gone') if self.drive.absent else ('OK', ''),
@@ -106,7 +105,7 @@ class Bench:
         self.until(lambda: self.guard.interlock.cause == 'no reason to trip')
 
     def _start(self) -> bool:
-        self.guard.start(self.now_ns, '')
+        self.guard.start(self.now_ns)
         return False
 
     def until(self, done: Callable[[], object], most_s: float = 10.0) -> float:
@@ -134,15 +133,14 @@ class Bench:
                 speeds = np.array([self.drive.speed_mps])
                 block = DriveBlock(np.array([self.now_ns]), np.array([math.nan]), speeds)
                 self.guard.readings.take(self.now_ns / _SECOND_NS, block)
-        if self.active:
-            self.guard.watch(self.now_ns, self.now_ns)
+        self.guard.watch(self.now_ns, self.now_ns)
         if self.now_ns % (5 * _TICK_NS) == 0:
-            self.guard.decide(self.now_ns, self.now_ns, self.active, True)
+            self.guard.decide(self.now_ns, self.now_ns, True)
 
     @property
     def told(self) -> tuple[str, str]:
         """What the operator is told: level and words."""
-        return self.guard.present(self.active)
+        return self.guard.present()
 
 
 @dataclass(frozen=True)
@@ -189,15 +187,6 @@ def _withdraw(bench: Bench) -> None:
 def _disarmed(bench: Bench) -> None:
     bench.guard.arm(bench.now_ns, False)
     bench.detector.level = 'ERROR'
-
-
-def _deactivate(bench: Bench) -> None:
-    bench.detector.level = 'ERROR'
-    bench.until(lambda: bench.guard.interlock.state == 'tripped')
-    bench.guard.let_go()
-    bench.active = False
-    bench.run(0.5)
-    bench.active = True
 
 
 def _gone_and_back(bench: Bench) -> None:
@@ -261,7 +250,6 @@ FAULTS = [
         also='hard-wired stop',
     ),
     Fault('hunting, while the interlock is disarmed', _disarmed, 'disarmed', 'disarmed', RUNNING),
-    Fault('the speed node is deactivated after a trip', _deactivate, words='ERROR', speed=0.0),
 ]
 
 

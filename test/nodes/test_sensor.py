@@ -11,14 +11,11 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from lifecycle_msgs.msg import Transition
 from sensor_msgs.msg import JointState
 
-from hunt_ros.drivers import SensorBlock
 from hunt_ros.drivers.simulated import Channel
 from hunt_ros.drivers.simulator_server import SimulatorServer
 from hunt_ros.nodes.support.conversions import to_ns
-from hunt_ros.nodes.support.sensor import SensorNode
 
 
 class Wire:
@@ -64,29 +61,6 @@ def test_every_sample_is_published_with_the_stamp_of_the_driver(graph, wire) -> 
     assert wire.heard[0].name == ['lateral']
 
 
-def test_what_is_measured_is_advertised_and_heard_from_configure_on(graph) -> None:
-    health = graph.told()
-    nodes = ('lateral_sensor', 'roller_speed', 'hunting_detector')
-
-    def ends() -> list[int]:
-        publishers = [graph.node.count_publishers(f'/rig/{x}') for x in ('lateral', 'speed')]
-        return [*publishers, graph.node.count_subscribers('/rig/yaw')]
-
-    for name in nodes:
-        free = {} if name == 'hunting_detector' else {'port': graph.port}
-        graph.start(name, autostart=False, **free)
-    graph.spin_until(lambda: {each['name'] for each in health} == {f'rig/{n}' for n in nodes})
-    assert ends() == [0, 0, 0]
-    for name in nodes:
-        graph.change_state(name, Transition.TRANSITION_CONFIGURE)
-    graph.spin_until(lambda: ends() == [1, 1, 1])
-    for name in nodes:  # and once more
-        graph.change_state(name, Transition.TRANSITION_CLEANUP)
-        graph.change_state(name, Transition.TRANSITION_CONFIGURE)
-    graph.spin(0.5)
-    assert ends() == [1, 1, 1]
-
-
 def test_a_stopped_sensor_leaves_its_backlog_out_and_is_well_again_a_second_later(
     graph, wire
 ) -> None:
@@ -109,51 +83,6 @@ def test_a_stopped_sensor_leaves_its_backlog_out_and_is_well_again_a_second_late
     graph.spin_until(fresh)
     late = [stamp for stamp in wire.stamps(1000) if stamp < 100_000]
     assert not late, 'old samples come too late for everybody'
-
-
-class _Device:
-    """A device that takes its time to be opened, and knows how many have it at once."""
-
-    range = (-np.inf, np.inf)
-
-    def __init__(self) -> None:
-        self.opened = self.present = self.most = 0
-        self.may_open = threading.Event()
-
-    def open(self) -> None:
-        self.opened += 1
-        self.present += 1
-        self.most = max(self.most, self.present)
-        self.may_open.wait()
-
-    def read(self, timeout_s: float) -> SensorBlock:
-        time.sleep(min(timeout_s, 0.01))
-        return SensorBlock(np.array([time.time_ns()]), np.array([1e-3]))
-
-    def close(self) -> None:
-        self.present = 0
-
-
-def test_a_thread_that_ends_late_keeps_its_device_until_then(graph, resident) -> None:
-    device = _Device()
-
-    def make() -> SensorNode:
-        node = SensorNode('lateral')
-        node._make_driver = lambda: device
-        return node
-
-    heard = graph.collect(JointState, 'lateral')
-    resident(make, autostart=False)
-    graph.change_state('lateral_sensor', Transition.TRANSITION_CONFIGURE)
-    graph.spin_until(lambda: device.opened == 1)
-    graph.change_state('lateral_sensor', Transition.TRANSITION_CLEANUP)
-    graph.change_state('lateral_sensor', Transition.TRANSITION_CONFIGURE)
-    graph.change_state('lateral_sensor', Transition.TRANSITION_ACTIVATE)
-    assert device.opened == 1, 'the first is still at it'
-    device.may_open.set()
-    graph.spin_until(lambda: heard)
-    assert device.opened == 2
-    assert device.most == 1
 
 
 def test_hardware_that_is_not_there_is_tried_again_less_and_less_often(graph) -> None:

@@ -153,10 +153,7 @@ def test_the_demo_is_quiet_until_the_rig_is_not(tmp_path, machine, domain) -> No
 
 def _sensor(graph, resident) -> SensorNode:
     """Return a sensor of a rig that nobody simulates yet."""
-    node = resident(lambda: SensorNode('yaw'), port=graph.port)
-    node.trigger_configure()
-    node.trigger_activate()
-    return node
+    return resident(lambda: SensorNode('yaw'), port=graph.port)
 
 
 def test_who_waits_for_a_neighbour_is_starting_and_later_in_trouble(graph, resident) -> None:

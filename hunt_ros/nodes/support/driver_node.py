@@ -1,9 +1,8 @@
 """
 What the sensor nodes and the speed node share: a driver that a thread owns.
 
-From `configure` to `cleanup` one thread opens the driver, reads it, and opens it again
-when the connection is lost. Callbacks never wait for the hardware. What is read while
-the node is inactive is thrown away.
+One thread opens the driver, reads it, and opens it again when the connection is lost. Callbacks
+never wait for the hardware.
 """
 
 from __future__ import annotations
@@ -16,14 +15,12 @@ from dataclasses import fields
 from functools import partial
 from typing import Any, Generic, Literal, TypeVar, cast
 
-from rclpy.lifecycle import State, TransitionCallbackReturn
 from rclpy.publisher import Publisher
 
 from hunt_ros.drivers.base import DriveDriver, SensorDriver, driver_class
 from hunt_ros.errors import ConfigError, DriverError, RefusedError, one_line
-from hunt_ros.nodes.support.node import ManagedNode
+from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare
-from hunt_ros.nodes.support.worker import Worker
 from hunt_ros.suite import Awaited
 
 #: A read waits so long at most, s: a set point waits for it.
@@ -44,9 +41,9 @@ _SETTLED_S, _SETTLE_MOST_S = 0.5, 3.0
 _D = TypeVar('_D', SensorDriver, DriveDriver)
 
 
-class DriverNode(ManagedNode, ABC, Generic[_D]):
+class DriverNode(SuiteNode, ABC, Generic[_D]):
     """
-    A lifecycle node around one driver.
+    A node around one driver.
 
     Parameters
     ----------
@@ -56,17 +53,14 @@ class DriverNode(ManagedNode, ABC, Generic[_D]):
 
     #: Makes a driver that is not open yet.
     _make_driver: Callable[[], _D]
-    #: What every listener has, who is waited for before the first sample; by `_advertise`.
+    #: What every listener has, who is waited for before the first sample.
     _announced: Publisher
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
         #: Open; None while there is no connection. Only the thread sets it.
         self._driver: _D | None = None
-        self._worker: Worker | None = None
-        #: Held by the thread that owns the device: one that ends late delays its successor.
-        self._device = threading.Lock()
-        self._connecting = False  # for the first time
+        self._connecting = True  # for the first time
         self._trouble = ''  # of the connection
         self._found = False  # what it connects to has been there once
         self._heard_s = -float('inf')  # when the driver last brought a sample, steady clock
@@ -103,33 +97,14 @@ class DriverNode(ManagedNode, ABC, Generic[_D]):
         self._make_driver = cast('Callable[[], _D]', partial(kind, settings, *rest))
         self._diagnostics.hardware = f'{name}: {self._make_driver()}'
 
-    def _configure(self) -> None:
-        """Begin to open the driver; missing hardware is tried again and again."""
-        self._connecting = True
-        self._worker = Worker(self._diagnostics.failed, 'driver', self._work)
+    def begin(self) -> None:
+        """Open the driver, in its thread; missing hardware is tried again and again."""
+        self.work('driver', self._keep_open)
 
-    def on_cleanup(self, state: State) -> TransitionCallbackReturn:
-        """Close the driver."""
-        self._release()
-        return TransitionCallbackReturn.SUCCESS
-
-    on_shutdown = on_cleanup
-
-    def close(self) -> None:
-        """Stop the thread and let go of the hardware."""
-        self._release()
-        super().close()
-
-    def _release(self) -> None:
-        self._active.clear()
-        worker, self._worker = self._worker, None
-        if worker is not None:
-            worker.stopping.set()
-            driver = self._driver
-            if driver is not None:
-                self._let_go_of(driver)  # ends a read under way
-            worker.stop()
-        self._connecting, self._trouble = False, ''
+    def wake(self) -> None:
+        """End a read under way."""
+        if (driver := self._driver) is not None:
+            self._let_go_of(driver)
 
     def _let_go_of(self, driver: _D) -> None:
         """Close a driver; one that fails at it is gone all the same."""
@@ -137,11 +112,6 @@ class DriverNode(ManagedNode, ABC, Generic[_D]):
             driver.close()
         except Exception as error:  # NI tasks and USB adapters that were unplugged
             self.get_logger().warning(f'closing the driver: {one_line(error)}')
-
-    def _work(self, stopping: threading.Event) -> None:
-        """Own a driver: open it, read it, open another when it fails."""
-        with self._device:
-            self._keep_open(stopping)
 
     def _keep_open(self, stopping: threading.Event) -> None:
         """Open the driver, read from it, and open it again whenever that fails."""
@@ -175,20 +145,16 @@ class DriverNode(ManagedNode, ABC, Generic[_D]):
 
     def _read_on(self, driver: _D, stopping: threading.Event) -> None:
         """Read until asked to stop; raises what the driver raises."""
-        published = False
+        if not self._settled:
+            self._settle(driver, stopping)
+            self._settled = True
+        self._skip_backlog(driver, stopping)
         read_s = time.monotonic()
         while not stopping.is_set():
             self._attend(driver)
             if time.monotonic() - self._decided_s > _UNATTENDED_S:
                 stopping.wait(_READ_S)
                 continue
-            if self._active.is_set() and not published:
-                if not self._settled:
-                    self._settle(driver, stopping)
-                    self._settled = True
-                self._skip_backlog(driver, stopping)
-                read_s = time.monotonic()
-            published = self._active.is_set()
             block = driver.read(_READ_S)
             before_s, read_s = read_s, time.monotonic()
             self._connecting = False
@@ -197,10 +163,10 @@ class DriverNode(ManagedNode, ABC, Generic[_D]):
             if read_s - before_s > _READ_S + _PAUSE_S:
                 lost = len(block.stamps_ns) + self._skip_backlog(driver, stopping)
                 read_s = time.monotonic()
-                if published and lost:
+                if lost:
                     self._lose(lost)
             elif len(block.stamps_ns):
-                self._take(block, published)
+                self._take(block)
 
     def _skip_backlog(self, driver: _D, stopping: threading.Event) -> int:
         """Throw away what was sampled while nobody read, and return how much: it is too late."""
@@ -241,9 +207,9 @@ class DriverNode(ManagedNode, ABC, Generic[_D]):
         """Do what else the device needs; called by its thread before each read."""
 
     @abstractmethod
-    def _take(self, block: Any, publish: bool) -> None:
-        """Get a block that was read in time; `publish`: the node is active."""
+    def _take(self, block: Any) -> None:
+        """Get a block that was read in time."""
 
     @abstractmethod
     def _lose(self, count: int) -> None:
-        """Get the number of samples thrown away while active."""
+        """Get the number of samples thrown away."""

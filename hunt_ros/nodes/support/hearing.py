@@ -67,11 +67,7 @@ class Missed:
     def __init__(self, node: Node, topic: str) -> None:
         self._node, self._topic = node, topic
         self.count = 0  # messages that were missed
-        self.restart()
-
-    def restart(self) -> None:
-        """Take the next message for the first one: those before it were not asked for."""
-        self._last = 0
+        self._last = 0  # number of the last message; 0: none yet
 
     def take(self, info: dict[str, Any]) -> int:
         """Get what `waiting` says of the next message; return how many are missing before it."""
@@ -124,19 +120,12 @@ class Channels:
             for channel, reader in self._readers.items()
         }
         self._missed = {name: Missed(node, each.topic_name) for name, each in self._heard.items()}
-        self.clear()
+        self._began_s, self._absent = 0.0, set(self._heard)
 
     @property
     def missed(self) -> int:
         """Messages that were lost on their way here."""
         return sum(each.count for each in self._missed.values())
-
-    def clear(self) -> None:
-        """Forget what has come, and begin anew."""
-        self._began_s, self._absent = 0.0, set(self._heard)
-        for channel, subscription in self._heard.items():
-            list(waiting(subscription))
-            self._missed[channel].restart()
 
     def begun(self) -> bool:
         """Return True once samples are handed over; those of before are left out."""

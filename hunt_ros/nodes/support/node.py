@@ -16,12 +16,11 @@ from threading import Event
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 
-from hunt_ros.errors import ConfigError, one_line
+from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health
 from hunt_ros.nodes.support.ending import CLOSING_S
 from hunt_ros.nodes.support.worker import Worker
@@ -112,6 +111,12 @@ class SuiteNode(Node):
         """Run a function in a thread until the node closes; see `Worker`."""
         self._workers.append(Worker(self._diagnostics.failed, task, function))
 
+    def begin(self) -> None:
+        """Begin what waits for hardware: the node is made, and its parameters are known."""
+
+    def wake(self) -> None:
+        """Have threads that wait for something look whether they are to end."""
+
     def wind_down(self) -> bool:
         """Go where it is safe, while the node runs on; return True once nothing is left to do."""
         return True
@@ -120,6 +125,7 @@ class SuiteNode(Node):
         """End its threads, and let go of what it holds, before its publishers are gone."""
         for worker in self._workers:
             worker.stopping.set()
+        self.wake()
         for worker in self._workers:
             worker.stop()
 
@@ -132,54 +138,3 @@ def _keeps_its_clock(parameters: list[Parameter]) -> SetParametersResult:
 
 def _never(message: object) -> None:
     raise AssertionError('a polled subscription was given to an executor')
-
-
-class ManagedNode(SuiteNode, LifecycleNode):
-    """
-    A lifecycle node.
-
-    Attributes
-    ----------
-    failure : str
-        Why the last configuration failed: rclpy keeps it to itself.
-    """
-
-    def __init__(self, name: str) -> None:
-        super().__init__(name)
-        self.failure = ''
-        self._active = Event()
-        self._advertised = False
-
-    def _advertise(self) -> None:
-        """
-        Make what is measured heard and what is said known, at the first configuration.
-
-        It stays until the process ends: the EventsExecutor can crash on what is gone
-        (ros2/rclpy #1644).
-        """
-
-    def _configure(self) -> None:
-        """Do what else `configure` stands for; what it raises is why it fails."""
-
-    def on_configure(self, state: State) -> TransitionCallbackReturn:
-        """Configure, or say why that fails."""
-        try:
-            if not self._advertised:
-                self._advertise()
-                self._advertised = True
-            self._configure()
-        except Exception as error:  # of parameters, and of whatever a library wants
-            self.failure = one_line(error)
-            self.get_logger().error(self.failure)
-            return TransitionCallbackReturn.FAILURE
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_activate(self, state: State) -> TransitionCallbackReturn:
-        """Publish from now on."""
-        self._active.set()
-        return super().on_activate(state)
-
-    def on_deactivate(self, state: State) -> TransitionCallbackReturn:
-        """Stop publishing."""
-        self._active.clear()
-        return super().on_deactivate(state)

@@ -25,7 +25,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from hunt_ros.errors import HuntError
 from hunt_ros.nodes.support.ending import CLOSING_S, Ending
-from hunt_ros.nodes.support.node import ManagedNode, SuiteNode
+from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import refuse_unknown
 
 _SPIN_S = 0.05
@@ -53,8 +53,6 @@ def run(
     """
     Run nodes until they are asked to end, or done; where it is safe comes first.
 
-    A lifecycle node with the parameter `autostart` is configured and activated.
-
     Parameters
     ----------
     makers : sequence of callable
@@ -80,7 +78,7 @@ def run(
         for make_node in makers:
             nodes.append(make_node())
             refuse_unknown(nodes[-1])
-            _start(nodes[-1])
+            nodes[-1].begin()
         for node in nodes:
             executor.add_node(node)
         ending.doing = 'running'
@@ -128,11 +126,3 @@ def _deliver(node: SuiteNode) -> None:
     for publisher in node.publishers:
         left_s = max(0.0, deadline - time.monotonic())
         publisher.wait_for_all_acked(Duration(nanoseconds=round(1e9 * left_s)))
-
-
-def _start(node: SuiteNode) -> None:
-    """Configure and activate a lifecycle node that wants to start by itself."""
-    if isinstance(node, ManagedNode) and node.get_parameter('autostart').value:
-        for trigger in (node.trigger_configure, node.trigger_activate):
-            if trigger().name != 'SUCCESS':
-                raise HuntError(node.failure or f'{trigger.__name__} failed')

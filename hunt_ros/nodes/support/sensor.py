@@ -48,7 +48,6 @@ class SensorConfig(Settings):
         '', 'File of hunt calibrate: what a reading means; empty: readings are SI.', fixed=True
     )
     frame_id: str = setting('roller_rig', 'frame_id of the messages.', fixed=True)
-    autostart: bool = setting(True, 'Configure and activate without being told.', fixed=True)
 
 
 class SensorNode(DriverNode[SensorDriver]):
@@ -63,7 +62,6 @@ class SensorNode(DriverNode[SensorDriver]):
 
     def __init__(self, channel: str) -> None:
         super().__init__(f'{channel}_sensor')
-        self._channel = channel
         self._config = declare(self, SensorConfig)
         self._use_driver(self._config.driver, 'Sensor', channel, self._config.sample_rate_hz)
         self._given_calibration = Calibration.read(self._config.calibration, channel)
@@ -74,14 +72,10 @@ class SensorNode(DriverNode[SensorDriver]):
         self._progress = 0, 0  # published, and the last stamp; set by the driver's thread at once
         self._told_ns = 0  # the last stamp of the last report
         self._new = NewSince()
+        self._announced = self.create_publisher(JointState, channel, stream(MEASUREMENTS))
 
-    def _advertise(self) -> None:
-        self._announced = self.create_publisher(JointState, self._channel, stream(MEASUREMENTS))
-
-    def _take(self, block: SensorBlock, publish: bool) -> None:
+    def _take(self, block: SensorBlock) -> None:
         """Calibrate a block, and publish it."""
-        if not publish:
-            return
         driver = self._driver
         if driver is not None and driver.range != self._device_range:  # known once it is open
             self._device_range = driver.range
@@ -117,9 +111,6 @@ class SensorNode(DriverNode[SensorDriver]):
         }
         if link := self._link():
             return *link, values
-        if not self._active.is_set():
-            self._told_ns = 0  # a pause is no low rate
-            return 'OK', 'inactive', values
         said = [f'{lost} samples lost'] if lost else []
         if not count:
             level = 'STALE' if self._published else Awaited('STALE')
