@@ -23,7 +23,7 @@ from hunt_ros.bag import BagWriter, write_record
 from hunt_ros.bag.cdr.message_types import standard_types
 from hunt_ros.bag.mcap.layout import Layout
 from hunt_ros.bag.messages import STRING
-from hunt_ros.bag.record_writer import record_rows
+from hunt_ros.bag.record_writer import messages_of
 from hunt_ros.bag.repair import repair
 from hunt_ros.cli.main import main as hunt
 from hunt_ros.dynamics.center_manifold import normal_form_of
@@ -129,8 +129,8 @@ def write_bag(name: str) -> None:
     with BagWriter(target, notes=notes) as bag:
         topic = bag.topic('/rig/hunting/normal_form', STRING, latched=True)
         bag.write(topic, record.start_ns, message)
-        for rows in record_rows(record, bag.topic, 'rig'):
-            bag.write_rows(rows)
+        for one in messages_of(record, bag.topic, 'rig'):
+            bag.write(*one)
 
 
 def write_damaged() -> None:

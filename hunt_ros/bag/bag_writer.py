@@ -21,7 +21,7 @@ from rosbags.rosbag2.metadata import dump_qos_v8, parse_qos
 
 from hunt_ros.bag.blocks import Topic
 from hunt_ros.bag.cdr.message_types import definition_text
-from hunt_ros.bag.mcap.writer import CHUNK_BYTES, McapWriter, Rows
+from hunt_ros.bag.mcap.writer import CHUNK_BYTES, McapWriter
 from hunt_ros.bag.reader import ACTIVE, NOTES
 from hunt_ros.errors import BagError
 
@@ -150,11 +150,6 @@ class BagWriter:
         """Write one message as it was on the wire (CDR with its encapsulation)."""
         with self._writing():
             self._file.add(topic, log_ns, bytes(message))
-
-    def write_rows(self, several: list[Rows]) -> None:
-        """Write messages of several topics as one chunk, in the order of their log times."""
-        with self._writing():
-            self._file.add_rows(several)
 
     def note(self, name: str, strings: Mapping[str, str]) -> None:
         """

@@ -2,12 +2,15 @@
 Writing a whole record as a recording.
 
 One message of each topic is serialised by rosbags; all others differ from it in
-stamp and value only, and are made by putting these into copies of it, a whole column at once.
+stamp and value only, and are made by putting these into copies of it, a column at once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from heapq import merge
+from itertools import repeat
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +19,13 @@ from numpy.typing import NDArray
 from hunt_ros.bag.bag_writer import BagWriter
 from hunt_ros.bag.cdr.layout import locate, parse_path
 from hunt_ros.bag.cdr.message_types import definitions_of, standard_types, topic_of_type
-from hunt_ros.bag.mcap.writer import CHUNK_BYTES, Rows
+from hunt_ros.bag.mcap.writer import CHUNK_BYTES
 from hunt_ros.errors import BagError
 from hunt_ros.samples import NANOSECONDS, Record, Series
 from hunt_ros.sensors import CHANNEL_FIELDS, JOINT_STATE
+
+#: Messages of a channel that are made together.
+_ROWS = 10_000
 
 
 def write_record(
@@ -50,7 +56,7 @@ def write_record(
     compression : str
         '', 'lz4' or 'zstd'.
     chunk_bytes : int
-        About the size of a chunk before compression.
+        Size at which a chunk is closed, before compression.
 
     Returns
     -------
@@ -69,20 +75,17 @@ def write_record(
     together = {**record.notes, **(notes or {})}
     if problems := together.pop('problems', ''):  # those of another recording, not of this one
         together['source_problems'] = problems
-    with BagWriter(path, notes=together, compression=compression) as bag:
-        for several in record_rows(record, bag.topic, namespace, chunk_bytes):
-            bag.write_rows(several)
+    with BagWriter(path, notes=together, compression=compression, chunk_bytes=chunk_bytes) as bag:
+        for message in messages_of(record, bag.topic, namespace):
+            bag.write(*message)
     return Path(path)
 
 
-def record_rows(
-    record: Record,
-    topic: Callable[[str, str], int],
-    namespace: str,
-    chunk_bytes: int = CHUNK_BYTES,
-) -> Iterator[list[Rows]]:
+def messages_of(
+    record: Record, topic: Callable[[str, str], int], namespace: str
+) -> Iterator[tuple[int, int, bytes]]:
     """
-    Yield a record chunk by chunk.
+    Return the messages of a record in the order of their stamps, as `BagWriter.write` takes them.
 
     Parameters
     ----------
@@ -92,27 +95,29 @@ def record_rows(
         Gives the number of a topic from its name and type.
     namespace : str
         In front of the topics' names.
-    chunk_bytes : int
-        About the size of a chunk.
     """
     prefix = f'/{namespace.strip("/")}' if namespace.strip('/') else ''
-    series = {name: record[name] for name in CHANNEL_FIELDS if name in record}
-    keys = {name: topic(f'{prefix}/{name}', CHANNEL_FIELDS[name][0]) for name in series}
-    total = sum(len(part) for part in series.values())
-    sizes = {name: 31 + len(_template(name)) for name in series}
-    volume = sum(len(part) * sizes[name] for name, part in series.items())
-    if not total:
-        return
-    # Chunks of equal time, of about chunk_bytes.
-    count = -(-volume // chunk_bytes)
-    edges = np.linspace(record.start_ns, record.end_ns + 1, count + 1).astype(np.int64)
-    edges[0], edges[-1] = record.start_ns, record.end_ns + 1
-    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        rows = []
-        for name, whole in series.items():
-            part = whole.between(first, last)
-            rows.append(Rows(keys[name], part.stamps_ns, serialise(name, part)))
-        yield rows
+    keys = {
+        name: topic(f'{prefix}/{name}', kind)
+        for name, (kind, _) in CHANNEL_FIELDS.items()
+        if name in record
+    }
+    each = (_messages(key, name, record[name]) for name, key in keys.items())
+    return merge(*each, key=itemgetter(1))
+
+
+def _messages(key: int, channel: str, series: Series) -> Iterator[tuple[int, int, bytes]]:
+    order = np.argsort(series.stamps_ns, kind='stable')
+    # As messages a series is ten times as large: some at a time.
+    for begin in range(0, len(series), _ROWS):
+        rows = order[begin : begin + _ROWS]
+        part = Series(series.stamps_ns[rows], series.values[rows])
+        yield from zip(
+            repeat(key),
+            part.stamps_ns.tolist(),
+            map(bytes, serialise(channel, part)),
+            strict=False,
+        )
 
 
 def serialise(channel: str, series: Series) -> NDArray[np.uint8]:

@@ -220,7 +220,8 @@ def _copy_messages(
         if not _is_of(*types[key], message):
             layout.left_out['messages that are not as their type says'] += 1
             continue
-        writer.add_record(data[start - rec.MESSAGE_HEAD.size : start].tobytes(), message)
+        head = rec.MESSAGE_HEAD.unpack_from(data.data, start - rec.MESSAGE_HEAD.size)
+        writer.add_record(message, *head)
 
 
 def _definitions(topic: Topic) -> Definitions | None:

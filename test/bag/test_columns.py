@@ -325,13 +325,13 @@ def test_a_type_described_in_idl_is_read(tmp_path: Path) -> None:
 
 
 def test_of_two_rigs_in_one_bag_the_topics_are_named(tmp_path: Path) -> None:
-    from hunt_ros.bag.record_writer import record_rows
+    from hunt_ros.bag.record_writer import messages_of
 
     first, second = make_record(seconds=0.2, seed=1), make_record(seconds=0.2, seed=2)
     with BagWriter(tmp_path / 'two') as writer:
         for name, record in (('a', first), ('b', second)):
-            for rows in record_rows(record, writer.topic, name):
-                writer.write_rows(rows)
+            for message in messages_of(record, writer.topic, name):
+                writer.write(*message)
     with pytest.raises(BagError, match='several topics'):
         read_record(tmp_path / 'two')
     assert_same(second, read_record(tmp_path / 'two', {name: f'/b/{name}' for name in second}))

@@ -14,15 +14,13 @@ import struct
 import tempfile
 import zlib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from io import FileIO
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO
 
-import numpy as np
 from mcap import records as peer
 from mcap.opcode import Opcode
-from numpy.typing import NDArray
 
 from hunt_ros.bag.blocks import Topic, compress
 from hunt_ros.bag.mcap import records as rec
@@ -31,18 +29,7 @@ from hunt_ros.bag.mcap import records as rec
 CHUNK_BYTES = 1 << 20
 
 _ENTRY = struct.Struct('<QQ')
-
-
-class Rows(NamedTuple):
-    """
-    Messages of one topic that are equally long.
-
-    `log_ns` has shape (n,) int64, `messages` shape (n, bytes) uint8.
-    """
-
-    topic: int
-    log_ns: NDArray[np.int64]
-    messages: NDArray[np.uint8]
+_HEAD = struct.Struct(rec.RECORD.format + rec.MESSAGE_HEAD.format[1:])
 
 
 class McapWriter:
@@ -139,64 +126,20 @@ class McapWriter:
     def add(self, topic: int, log_ns: int, message: bytes) -> None:
         """Add one message to the chunk at hand; a full chunk is written out."""
         sequence = (self.counts[topic] + len(self._entries.get(topic, ()))) & 0xFFFFFFFF
-        self.add_record(rec.MESSAGE_HEAD.pack(topic, sequence, log_ns, log_ns), message)
+        self.add_record(message, topic, sequence, log_ns, log_ns)
 
-    def add_record(self, head: bytes, message: bytes) -> None:
-        """Add one message by its head (channel, sequence, times), as MCAP has it."""
-        topic, _, log_ns, _ = rec.MESSAGE_HEAD.unpack(head)
+    def add_record(
+        self, message: bytes, topic: int, sequence: int, log_ns: int, publish_ns: int
+    ) -> None:
+        """Add one message as MCAP has it."""
         self._entries.setdefault(topic, []).append(_ENTRY.pack(log_ns, self._filled))
-        head = rec.RECORD.pack(rec.MESSAGE, len(head) + len(message)) + head
+        size = rec.MESSAGE_HEAD.size + len(message)
+        head = _HEAD.pack(rec.MESSAGE, size, topic, sequence, log_ns, publish_ns)
         self._parts += (head, message)
-        self._filled += len(head) + len(message)
+        self._filled += _HEAD.size + len(message)
         self._extend(log_ns, log_ns)
         if self._filled >= self.chunk_bytes:
             self.flush()
-
-    def add_rows(self, several: Sequence[Rows]) -> None:
-        """
-        Add messages of several topics as one chunk, in the order of their log times.
-
-        The chunk is built as a whole in numpy; what `add` collected before is written
-        first.
-        """
-        several = [rows for rows in several if rows.log_ns.size]
-        if not several:
-            return
-        self.flush()
-        log_ns = np.concatenate([rows.log_ns for rows in several])
-        sizes = [rows.messages.shape[1] + rec.MESSAGE_PREFIX for rows in several]
-        counts = [rows.log_ns.size for rows in several]
-        order = np.argsort(log_ns, kind='stable')
-        offsets = np.empty(log_ns.size, dtype=np.int64)
-        sorted_sizes = np.repeat(sizes, counts)[order]
-        offsets[order] = np.cumsum(sorted_sizes) - sorted_sizes
-        chunk = np.empty(int(sorted_sizes.sum()), dtype=np.uint8)
-        done = 0
-        for rows, size, count in zip(several, sizes, counts, strict=True):
-            places = offsets[done : done + count]
-            chunk[places[:, None] + np.arange(size)] = self._records(rows, size)
-            entries = np.empty((count, 2), dtype='<u8')
-            entries[:, 0], entries[:, 1] = rows.log_ns, places
-            in_time = entries[np.argsort(entries[:, 0], kind='stable')]
-            self._entries.setdefault(rows.topic, []).append(in_time.tobytes())
-            done += count
-        self._extend(int(log_ns.min()), int(log_ns.max()))
-        self._parts, self._filled = [chunk.tobytes()], chunk.size
-        self.flush()
-
-    def _records(self, rows: Rows, size: int) -> NDArray[np.uint8]:
-        """Return the message records of rows, one in each row of bytes."""
-        kind = np.dtype(
-            [('op', 'u1'), ('length', '<u8'), ('topic', '<u2'), ('sequence', '<u4'),
-             ('log', '<u8'), ('publish', '<u8'), ('message', 'u1', rows.messages.shape[1:])]
-        )  # fmt: skip
-        table = np.empty(rows.log_ns.size, dtype=kind)
-        table['op'], table['length'], table['topic'] = rec.MESSAGE, size - 9, rows.topic
-        first = self.counts[rows.topic]
-        table['sequence'] = (first + np.arange(rows.log_ns.size)) & 0xFFFFFFFF
-        table['log'] = table['publish'] = rows.log_ns
-        table['message'] = rows.messages
-        return table.view(np.uint8).reshape(-1, size)
 
     def _extend(self, first_ns: int, last_ns: int) -> None:
         before = self._span or (first_ns, last_ns)

@@ -12,7 +12,7 @@ import pytest
 from made import record_of
 
 from hunt_ros.bag import BagWriter
-from hunt_ros.bag.record_writer import record_rows
+from hunt_ros.bag.record_writer import messages_of
 from hunt_ros.cli.main import main
 from hunt_ros.detection import DetectorConfig, JournalEntry
 
@@ -28,8 +28,8 @@ def _bag(path: Path, journal: list[JournalEntry]) -> str:
         raw = lines.encode() + b'\0'
         key = bag.topic('/rig/hunting/journal', 'std_msgs/msg/String', latched=True)
         bag.write(key, record.start_ns, b'\0\1\0\0' + struct.pack('<I', len(raw)) + raw)
-        for several in record_rows(record, bag.topic, 'rig'):
-            bag.write_rows(several)
+        for message in messages_of(record, bag.topic, 'rig'):
+            bag.write(*message)
     return str(path)
 
 
