@@ -12,7 +12,7 @@ has no such bound: for one message of 98 kB it asks for 3 GiB.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -114,7 +114,12 @@ def by_topic(
         yield topic, joined
 
 
-def expand_messages(block: Block, topics: Mapping[int, Topic], path: str) -> Block:
+def expand_messages(
+    block: Block,
+    topics: Mapping[int, Topic],
+    path: str,
+    damaged: Callable[[BagError], None] | None = None,
+) -> Block:
     """
     Expand messages that were compressed one by one (rosbag2 compression mode MESSAGE).
 
@@ -128,6 +133,8 @@ def expand_messages(block: Block, topics: Mapping[int, Topic], path: str) -> Blo
         What the ids in the block mean.
     path : str
         Of the file, for messages.
+    damaged : callable, optional
+        Told of each message that cannot be expanded, which is then passed over.
 
     Raises
     ------
@@ -149,7 +156,11 @@ def expand_messages(block: Block, topics: Mapping[int, Topic], path: str) -> Blo
         try:
             raw = expand_zstd(raw, budget) if topic in packed else raw
         except ValueError as error:
-            raise BagError(f'{path}: a message at {stamp} ns: {error}') from error
+            failed = BagError(f'{path}: a message at {stamp} ns: {error}')
+            if damaged is None:
+                raise failed from error
+            damaged(failed)
+            continue
         budget -= len(raw)
         rows.append((topic, stamp, raw))
     return pack_messages(rows)

@@ -204,7 +204,7 @@ class Bag:
             if not topics:
                 continue
             for block in file.blocks(topics.keys(), damaged):
-                yield topics, expand_messages(block, topics, file.path)
+                yield topics, expand_messages(block, topics, file.path, damaged)
 
     def close(self) -> None:
         """Let go of the files."""
@@ -269,7 +269,11 @@ def open_storage(name: Path, scratch: Path, *, partial: bool = False) -> McapFil
         raise BagError(f'{name}: not a file, expected a recording')
     if name.suffix != '.zstd':
         return STORAGES[kind](name)
-    opened = STORAGES[kind](_expanded(name, scratch, partial))
+    expanded = _expanded(name, scratch, partial)
+    try:
+        opened = STORAGES[kind](expanded)
+    except BagError as error:
+        raise BagError(str(error).replace(str(expanded), str(name))) from error
     opened.path = str(name)
     return opened
 

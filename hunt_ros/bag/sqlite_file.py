@@ -10,6 +10,7 @@ messages, 2,000 of them in the write-ahead log of a recorder that runs or was ki
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
@@ -49,7 +50,7 @@ class SqliteFile:
         self.remarks: list[tuple[str, str]] = []
         self.metadata: list[tuple[str, dict[str, str]]] = []
         try:
-            self._base = sqlite3.connect(f'{Path(path).resolve().as_uri()}?mode=ro', uri=True)
+            self._base = sqlite3.connect(_address(Path(path).resolve()), uri=True)
             self._base.text_factory = lambda raw: raw.decode('utf-8', 'replace')
         except sqlite3.Error as error:
             raise self._damage(error) from error
@@ -155,4 +156,17 @@ class SqliteFile:
     def _damage(self, error: Exception) -> BagError:
         reason = ' '.join(str(error).split())
         hint = '' if 'not a database' in reason else f'; {SALVAGE_HINT}'
+        if _log_of(self.path).exists() and not os.access(Path(self.path).parent, os.W_OK):
+            hint = '; SQLite reads its -wal file in a folder that may be written: copy both'
         return BagError(f'{self.path}: not a sound SQLite recording ({reason:.120}){hint}')
+
+
+def _log_of(path: str | Path) -> Path:
+    """Return where SQLite keeps the messages that it has not put into a file yet."""
+    return Path(f'{path}-wal')
+
+
+def _address(path: Path) -> str:
+    """Return the URI of a file to be read; where nobody may write, nothing is made beside it."""
+    kept = os.access(path.parent, os.W_OK) or _log_of(path).exists()
+    return f'{path.as_uri()}?mode=ro' + ('' if kept else '&immutable=1')

@@ -28,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
     add_recordings(parser)
     add = partial(options.add, parser)
-    page, out = options.new_file('.html'), Path('report.html')
+    page, out = options.new_file('.html'), 'report.html'  # a text: its folder is looked at too
     add('--out', type=page, metavar='FILE', default=out, help=f'the page ({out})')
     add('--figures', type=Path, metavar='DIR', help='write each figure as SVG and PNG here')
     add('--title', metavar='TEXT', help='of the page')

@@ -203,6 +203,47 @@ def test_messages_compressed_one_by_one_need_no_description(tmp_path, plugin) ->
     )
 
 
+@pytest.mark.parametrize('plugin', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+def test_a_damaged_message_that_was_compressed_alone_is_told_and_no_other(tmp_path, plugin):
+    file = write_rosbags(tmp_path / 'peer', counted(30), 8, plugin, CompressionMode.MESSAGE)
+    frames = file.read_bytes().split(b'\x28\xb5\x2f\xfd')
+    frames[10] = frames[10][:6] + bytes(20) + frames[10][26:]
+    file.write_bytes(b'\x28\xb5\x2f\xfd'.join(frames))
+    found = inspect(file)
+    assert sum(topic.messages for topic in found.topics) == 59
+    (text,) = [one.text for one in found.problems if one.kind == 'damaged_chunk']
+    assert 'a message at' in text
+    assert 'zstd' in text
+    with pytest.raises(BagError, match='a message at'):
+        read_columns(file, ['a=/rig/lateral', 'b=/rig/speed'])
+
+
+def test_a_database_in_a_folder_that_nobody_may_write_to_is_read(tmp_path, monkeypatch) -> None:
+    """SQLite makes files beside one that has ever had a write-ahead log, if only to read it."""
+    file = write_rosbags(tmp_path / 'peer', counted(30))
+    base = sqlite3.connect(file)
+    base.execute('PRAGMA journal_mode=WAL')
+    base.close()
+    before = sorted(tmp_path.rglob('*'))
+    monkeypatch.setattr('os.access', lambda path, mode: mode != os.W_OK)
+    with Bag(tmp_path / 'peer') as bag:
+        assert bag.topics['/rig/lateral'].messages == 30
+        assert sorted(tmp_path.rglob('*')) == before
+    Path(f'{file}-wal').write_bytes(b'what is in it cannot be read here')
+    file.write_bytes(file.read_bytes()[:6000])
+    with pytest.raises(BagError, match='-wal file in a folder that may be written: copy both'):
+        Bag(file)
+
+
+def test_a_file_that_was_compressed_whole_and_cut_is_named_itself(tmp_path) -> None:
+    file = write_rosbags(
+        tmp_path / 'peer', counted(2000), 8, StoragePlugin.SQLITE3, CompressionMode.FILE
+    )
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    with pytest.raises(BagError, match=f'^{file}: not a sound SQLite recording'):
+        read_record(file)
+
+
 def test_a_topic_of_two_publishers_has_no_jump_of_the_clock(tmp_path) -> None:
     with Peer(tmp_path / 'a.mcap') as peer:
         both = [peer.channel('/rig/lateral', publisher=str(number)) for number in range(2)]

@@ -338,6 +338,14 @@ def test_an_empty_name_is_refused(bag, capsys, words) -> None:
     assert "got ''" in line
 
 
+def test_the_usual_place_of_a_report_is_looked_at_before_the_work(
+    bag, capsys, monkeypatch
+) -> None:
+    monkeypatch.setattr('os.access', lambda path, mode: False)
+    assert main(['report', str(bag)]) == 2
+    assert 'argument --out: report.html may not be written' in capsys.readouterr().err
+
+
 def test_an_error_of_the_program_is_one_line(bag, capsys, monkeypatch) -> None:
     from hunt_ros.cli import info
 
