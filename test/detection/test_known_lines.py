@@ -116,3 +116,15 @@ def test_an_assumed_diameter_never_makes_a_line_of_the_hunting() -> None:
     assert detector.status.alarm
     late = output.estimates['lateral_amplitude'][-500:]
     np.testing.assert_allclose(late, 5e-4, rtol=0.03)
+
+
+def test_a_tachometer_that_scatters_frees_no_line_to_take_the_hunting() -> None:
+    time = np.arange(1, 10001) / 500.0
+    rng = np.random.default_rng(0)
+    lateral = 5e-4 * np.cos(2.0 * np.pi * 2.84 * time) + 5e-6 * rng.standard_normal(time.size)
+    turns = 2.4 * time  # a line beside the hunting
+    lateral += 3e-5 * np.cos(2.0 * np.pi * turns)
+    read = 7.0 * (1.0 + 0.01 * rng.standard_normal(time.size))
+    record = record_of(time, lateral=lateral, roller=2.0 * np.pi * turns, speed=read)
+    late = _run(record)[1].estimates[-1000:]
+    np.testing.assert_allclose(late['lateral_amplitude'], 5e-4, rtol=0.05)

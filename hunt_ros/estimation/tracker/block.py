@@ -77,6 +77,7 @@ from hunt_ros.estimation.tracker.algebra import (
 )
 from hunt_ros.estimation.tracker.hypotheses import face, judge
 from hunt_ros.estimation.tracker.ratio import (
+    follow_speed,
     learn_ratio,
     look_up,
     put_in_force,
@@ -101,6 +102,7 @@ def advance(f: at.Filter, t: float) -> None:
     if dt <= 0.0 or max(newest(f, 0), newest(f, 1)) == -math.inf:
         return
     f.time = t
+    follow_speed(f, dt)
     if dt > at.GAP:
         lost = 4.0 * (x[0] * x[0] + x[1] * x[1] + P[0, 0] + P[1, 1])
         open_modes(f, lost)

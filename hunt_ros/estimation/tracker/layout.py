@@ -203,6 +203,7 @@ class Filter:
     # speed, modes, angle
     speed: float
     speed_seen: float  # where the growth rate was last opened for a change of speed
+    speed_off: float  # for how long it has been another one, s
     modes_changed: bool  # the table of modes is another one since the last sample
     mode: Mode
     angle: float  # that the lines were last moved to, rad; NaN: not known

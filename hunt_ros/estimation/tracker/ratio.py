@@ -27,6 +27,9 @@ FORCED = 0.3  # relative error of the ratio where all of the motion is made anew
 #: Relative variance of the response to a line per ln(speed): hunting damped by a twentieth of its
 #: frequency has the quality 10, and a line that passes it changes as much.
 RESONANCE = 10.0
+#: The speed has changed where it is off by this part for so long, s: a tachometer that is read
+#: often may scatter by a per cent.
+CHANGED, LASTING_S = 0.02, 0.05
 STEEPEST = 0.1  # relative change of the speed in a bin: what is more is a wrong reading
 AGAINST = 3.0  # standard deviations at which a ratio that is given is doubted
 
@@ -161,21 +164,25 @@ def loosen(f: at.Filter, factor: float) -> None:
 
 @compiled_part
 def look_up(f: at.Filter, modes: _F, speed: float) -> None:
-    """Put the modes at this speed in force; doubt growth rate and lines where it has changed."""
-    P = f.P
+    """Put the modes at this speed in force."""
     f.speed = speed
     if math.isnan(f.speed_seen):
         f.speed_seen = speed
-    change = abs(speed - f.speed_seen)
-    if change > 0.02 * abs(f.speed_seen):
-        # Of the order of d(growth rate)/d(ln speed) on a rig that can lose stability.
-        step = 3.0 * at.GROWTH_STD * min(change / max(abs(speed), 1e-9), 1.0)
-        P[at.GROWTH, at.GROWTH] = min(
-            P[at.GROWTH, at.GROWTH] + step * step, 4.0 * at.GROWTH_STD**2
-        )
-        doubt_lines(f, min(change / max(abs(speed), 1e-9), STEEPEST))
-        f.speed_seen = speed
     put_in_force(f, modes)
+
+
+@compiled_part
+def follow_speed(f: at.Filter, dt: float) -> None:
+    """Doubt growth rate and lines where the speed has changed, and not one reading alone."""
+    change = abs(f.speed - f.speed_seen)
+    f.speed_off = f.speed_off + dt if change > CHANGED * abs(f.speed_seen) else 0.0
+    if f.speed_off > LASTING_S:
+        change /= max(abs(f.speed), 1e-9)
+        # Of the order of d(growth rate)/d(ln speed) on a rig that can lose stability.
+        opened = f.P[at.GROWTH, at.GROWTH] + (3.0 * at.GROWTH_STD * min(change, 1.0)) ** 2
+        f.P[at.GROWTH, at.GROWTH] = min(opened, 4.0 * at.GROWTH_STD**2)
+        doubt_lines(f, min(change, STEEPEST))
+        f.speed_seen, f.speed_off = f.speed, 0.0
 
 
 @compiled_part
