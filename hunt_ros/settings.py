@@ -8,9 +8,10 @@ value is named the same way wherever it comes from.
 
 from __future__ import annotations
 
+import difflib
 import math
 import sys
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from numbers import Real
 from typing import Any, Literal, TypeVar
@@ -20,6 +21,9 @@ import yaml
 from hunt_ros.errors import ConfigError
 
 _Kind = TypeVar('_Kind', bound='Settings')
+
+#: A name so alike a known one is a slip for it, and none of somebody else's.
+_SLIP = 0.85
 
 
 def setting(
@@ -105,6 +109,11 @@ class Settings:
     def unknown(cls, values: Mapping[str, Any]) -> set[str]:
         """Return the names that are none of these settings."""
         return set(values) - {item.name for item in fields(cls)}
+
+
+def meant(name: str, known: Iterable[str]) -> str:
+    """Return the known name for which another one is a slip; '' where it is none."""
+    return next(iter(difflib.get_close_matches(name, known, 1, _SLIP)), '')
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc] # it has no types

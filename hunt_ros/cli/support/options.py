@@ -8,7 +8,6 @@ value that is no sensible number is refused by its type, before any work begins.
 from __future__ import annotations
 
 import argparse
-import difflib
 import math
 import os
 import re
@@ -18,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from hunt_ros.errors import ConfigError, HuntError
-from hunt_ros.settings import Settings
+from hunt_ros.settings import Settings, meant
 from hunt_ros.suite import DRIVE
 
 if TYPE_CHECKING:
@@ -366,8 +365,8 @@ def settings_of(arguments: argparse.Namespace, node: str, *kinds: type[_Kind]) -
     for source, text in texts:
         for name in parameters_of(node, text, source).keys() - known - PARAMETERS:
             # A parameter of the node itself is no business of a replay; a slip of the pen is.
-            if near := difflib.get_close_matches(str(name), known, 1, 0.8):
-                raise ConfigError(f'{source}: section {node}: unknown {name}, expected {near[0]}')
+            if near := meant(str(name), known):
+                raise ConfigError(f'{source}: section {node}: unknown {name}, expected {near}')
     return [told_by(kind(), node, texts) for kind in kinds]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, replace
 from functools import partial
@@ -23,7 +22,7 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.errors import ConfigError
 from hunt_ros.rig import PARAMETERS as RIG
-from hunt_ros.settings import Settings
+from hunt_ros.settings import Settings, meant
 
 _Config = TypeVar('_Config', bound=Settings)
 
@@ -34,8 +33,6 @@ _ARRAYS = {
     'tuple[int, ...]': Parameter.Type.INTEGER_ARRAY,
 }
 _FIXED, _FORM = 'set at the start only', 'normal_form.'
-#: So alike a name that is not there is a slip for one that is.
-_SLIP = 0.85
 #: Gets the settings by their class as they would be, those that do not change among them.
 Check = Callable[[Mapping[type, Any]], None]
 
@@ -134,8 +131,8 @@ def refuse_unknown(node: Node) -> None:
         foreign = name.startswith(('qos_overrides.', _FORM))
         # The rig is described to all nodes, and each takes what it needs.
         if not node.has_parameter(name) and not foreign and name not in RIG:
-            if near := difflib.get_close_matches(name, node._parameters, 1, _SLIP):
-                raise ConfigError(f'unknown parameter {name!r}, expected {near[0]}')
+            if near := meant(name, node._parameters):
+                raise ConfigError(f'unknown parameter {name!r}, expected {near}')
             node.get_logger().warning(f'unknown parameter {name!r} is ignored')
 
 
