@@ -146,7 +146,7 @@ class SensorDriver(Driver):
     ----------
     range : tuple of float
         Readings outside are saturated, in the unit of the readings. A driver that knows better
-        once it is open says so here.
+        says so when it is made.
 
     Raises
     ------

@@ -68,9 +68,9 @@ class DriverNode(SuiteNode, ABC, Generic[_D]):
         #: When the node last decided anything, steady clock; inf where it decides nothing.
         self._decided_s = float('inf')
 
-    def _use_driver(self, name: str, role: Literal['Sensor', 'Drive'], *rest: Any) -> None:
+    def _use_driver(self, name: str, role: Literal['Sensor', 'Drive'], *rest: Any) -> _D:
         """
-        Declare the settings of a driver as parameters, and say how the driver is made.
+        Declare the settings of a driver as parameters, and say how the driver is made; return one.
 
         Parameters
         ----------
@@ -95,7 +95,9 @@ class DriverNode(SuiteNode, ABC, Generic[_D]):
                 )
         settings = declare(self, kind.Settings)
         self._make_driver = cast('Callable[[], _D]', partial(kind, settings, *rest))
-        self._diagnostics.hardware = f'{name}: {self._make_driver()}'
+        driver = self._make_driver()
+        self._diagnostics.hardware = f'{name}: {driver}'
+        return driver
 
     def begin(self) -> None:
         """Open the driver, in its thread; missing hardware is tried again and again."""

@@ -63,10 +63,11 @@ class SensorNode(DriverNode[SensorDriver]):
     def __init__(self, channel: str) -> None:
         super().__init__(f'{channel}_sensor')
         self._config = declare(self, SensorConfig)
-        self._use_driver(self._config.driver, 'Sensor', channel, self._config.sample_rate_hz)
-        self._given_calibration = Calibration.read(self._config.calibration, channel)
-        self._calibration = self._given_calibration  # with the range of the device
-        self._device_range = (-math.inf, math.inf)
+        driver = self._use_driver(
+            self._config.driver, 'Sensor', channel, self._config.sample_rate_hz
+        )
+        given = Calibration.read(self._config.calibration, channel)
+        self._calibration = given.within(*driver.range)
         self._written = joint_writer([channel], self._config.frame_id)
         self._published = self._lost = self._bad = self._saturated = 0
         self._progress = 0, 0  # published, and the last stamp; set by the driver's thread at once
@@ -76,10 +77,6 @@ class SensorNode(DriverNode[SensorDriver]):
 
     def _take(self, block: SensorBlock) -> None:
         """Calibrate a block, and publish it."""
-        driver = self._driver
-        if driver is not None and driver.range != self._device_range:  # known once it is open
-            self._device_range = driver.range
-            self._calibration = self._given_calibration.within(*self._device_range)
         calibration = self._calibration
         values = calibration.apply(block.values)
         self._saturated += int(np.count_nonzero(calibration.saturated(block.values)))
