@@ -278,14 +278,17 @@ def _roller(record: Record, rig: Rig) -> Iterator[Finding]:
     turned = float(np.sum((steps + math.pi) % (2.0 * math.pi) - math.pi))
     span = float(np.sum(times))
     rate = turned / span
+    running = float(np.mean(np.abs(speeds))) if speeds.size else 0.0
     if abs(rate) < 0.1:
-        text, advice = 'the roller does not turn', 'let it turn, and look again'
-        yield Finding('encoder', 'roller', UNKNOWN, text, advice, rate, 'rad/s')
+        state, text, advice = UNKNOWN, 'the roller does not turn', 'let it turn, and look again'
+        if running > _TURNING_MPS:
+            state, text = FAIL, f'the angle stands still at {running:.3g} m/s'
+            advice = 'look at the encoder and its cable'
+        yield Finding('encoder', 'roller', state, text, advice, rate, 'rad/s')
         return
     way = 'forwards' if rate > 0.0 else 'backwards'
     wraps = f', and wraps every turn ({int(leaps.sum())} times)' if leaps.any() else ''
     quick = float(np.quantile(np.abs(steps[~leaps]), 0.99)) if not leaps.all() else math.inf
-    running = float(np.mean(np.abs(speeds))) if speeds.size else 0.0
     if leaps.any():
         # What wraps between two readings looks slower than it is: the speed says how fast it is.
         diameter_m = rig.roller_diameter_m or _ROLLER_M

@@ -88,7 +88,8 @@ FAULTS: dict[str, tuple[Change, str, str, str]] = {
     'slow encoder': (_every(8, 'roller'), 'encoder', 'roller', 'more often'),
     'slow encoder that wraps': (_wrapped_and_slow, 'encoder', 'roller', 'more often'),
     'diameter': (_other(roller=lambda v: 1.1 * v), 'diameter', 'roller', 'counts of the encoder'),
-    'standing': (_other(roller=0.0), 'encoder', 'roller', 'let it turn'),
+    'standing': (_other(roller=0.0, speed=0.0), 'encoder', 'roller', 'let it turn'),
+    'dead encoder': (_other(roller=0.0), 'encoder', 'roller', 'its cable'),
 }
 
 
