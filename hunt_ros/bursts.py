@@ -65,12 +65,21 @@ class Bursts:
         return f'samples come in bursts of {size:.0f}, {self.apart_ns / NANOSECONDS:.3g} s apart'
 
     @property
+    def taken(self) -> str:
+        """What is made of it."""
+        if not self.even:
+            return f'{self}, at no even rate: when each was taken is not known'
+        return f'{self}, taken as sampled evenly at {NANOSECONDS / self.step_ns:.4g} Hz'
+
+    @property
     def blocks(self) -> int:
         """How many blocks are looked at together."""
         return _together(self.apart_ns)
 
 
-def bursts_of(stamps_ns: NDArray[np.int64]) -> Bursts | None:
+def bursts_of(
+    stamps_ns: NDArray[np.int64], share: float = _SHARE, blocks: int = 4 * _BLOCKS
+) -> Bursts | None:
     """
     Return how samples were stamped; None where each has a stamp of its own, or too few tell.
 
@@ -78,6 +87,10 @@ def bursts_of(stamps_ns: NDArray[np.int64]) -> Bursts | None:
     ----------
     stamps_ns : ndarray of int64, shape (n,)
         In the order in which they came.
+    share : float
+        So many of them, at least, have come with the one before.
+    blocks : int
+        Fewest that tell.
     """
     steps = np.diff(stamps_ns)
     going = np.abs(steps) < _PAUSE_NS
@@ -85,11 +98,11 @@ def bursts_of(stamps_ns: NDArray[np.int64]) -> Bursts | None:
     if lasted <= 0:
         return None
     mean = lasted / count
-    if np.count_nonzero(steps < _TOGETHER * mean) <= _SHARE * steps.size:  # nearly always
+    if np.count_nonzero(steps < _TOGETHER * mean) <= share * steps.size:  # nearly always
         return None
     local = _smooth(np.where(going, steps, mean), round(_MEAN_NS / mean))
     apart = ~going | (steps >= _TOGETHER * local)
-    if np.count_nonzero(~apart) <= _SHARE * steps.size or np.count_nonzero(apart) < 4 * _BLOCKS:
+    if np.count_nonzero(~apart) <= share * steps.size or np.count_nonzero(apart) < blocks:
         return None
     begins = np.concatenate(([0], np.flatnonzero(apart) + 1))
     ends = np.append(begins[1:] - 1, stamps_ns.size - 1)
@@ -121,11 +134,7 @@ def evened(columns: Mapping[str, Series]) -> tuple[dict[str, Series], list[str]]
             continue
         if found.even:
             even[name] = spread(series, found)
-            rate = NANOSECONDS / found.step_ns
-            text = f'{found}, taken as sampled evenly at {rate:.4g} Hz'
-        else:
-            text = f'{found}, at no even rate: when each was taken is not known'
-        told.setdefault(text, []).append(name)
+        told.setdefault(found.taken, []).append(name)
     return even, [f'{", ".join(names)}: {text}' for text, names in told.items()]
 
 

@@ -141,7 +141,7 @@ def _damage(record: Record) -> list[Finding]:
 
 
 def _units(record: Record) -> list[Finding]:
-    """Return the channels that cannot be in SI, and those of which that is assumed."""
+    """Return the channels that cannot be in SI, and what an import has assumed."""
     texts = {name: wrong_unit(name, series) for name, series in record.items()}
     advice = 'publish SI units (m, rad, m/s), or give the factor in "sources" of the rig file'
     found = [Finding('unit', name, FAIL, text, advice) for name, text in texts.items() if text]
@@ -152,6 +152,10 @@ def _units(record: Record) -> list[Finding]:
         text = f'the file that it was imported from tells no unit, assumed: {assumed}'
         advice = 'if that is wrong, import it again with a factor: --channel lateral=y*0.001'
         found.append(Finding('unit', '', WARN, text, advice))
+    if clock := record.notes.get('clock'):
+        advice = 'write times with more digits: a sample that was lost does not show'
+        text = f'in the file that it was imported from {clock}'
+        found.append(Finding('jitter', '', WARN, text, advice))
     return found
 
 

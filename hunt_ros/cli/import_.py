@@ -54,6 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
         'channels': channels,
         'units_assumed': record.notes.get('units_assumed', ''),
         'left_out': record.notes.get('left_out', ''),
+        'clock': record.notes.get('clock', ''),
     }
     parts = ', '.join(f'{name} {len(series)}' for name, series in record.items())
     said = f'{path}: {record.duration_s:.1f} s, samples: {parts}'
@@ -63,6 +64,8 @@ def run(arguments: argparse.Namespace) -> int:
         said += f'; no {" or ".join(either)} is in it'
     if written['left_out']:
         said += f'; left out: {written["left_out"]}'
+    if written['clock']:
+        said += f'; {written["clock"]}'
     tell(arguments.json, lambda: written, lambda: said)
     return 0
 

@@ -15,6 +15,7 @@ from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
 from hunt_ros.bag.columns import read_record, refuse_years, with_constants
 from hunt_ros.bag.interchange.tables import Table, load_table, select
 from hunt_ros.bag.reader import ROS_1, STORAGES, storage_kind
+from hunt_ros.bursts import bursts_of, spread
 from hunt_ros.errors import BagError
 from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series, different
 from hunt_ros.sensors import UNITS, si_of
@@ -90,6 +91,7 @@ def load_record(
     except BagError as error:
         raise BagError(f'{path}: {error}') from error
     told = {'units_assumed': _assumed(table, mapping), 'left_out': table.left_out}
+    told['clock'] = table.clock
     notes = {'source': Path(path).name} | {name: text for name, text in told.items() if text}
     record = Record(with_constants(series, mapping, str(path)), str(path), notes)
     refuse_years(record.start_ns, record.end_ns, str(path))
@@ -173,7 +175,8 @@ def _clocks(
             times = [np.rint(step).astype(np.int64) for step in steps]
         else:
             source = _time_source(table, time)
-            times = [_to_ns(part, source) for part in select(table, source.source)]
+            ticks = [_to_ns(part, source) for part in select(table, source.source)]
+            times = [_spread(part, table) for part in ticks]
             apart = np.concatenate([np.diff(part) for part in times]) / NANOSECONDS
             step = float(np.median(apart)) if apart.size >= _FEWEST else _STEPS_S[1]
             taken = time is None and source.scale == 1.0  # for seconds
@@ -252,23 +255,17 @@ def _to_ns(column: NDArray[Any], source: ChannelSource) -> NDArray[np.int64]:
     backwards = np.flatnonzero(np.diff(stamps) < 0)
     if backwards.size:
         raise BagError(f'{source.source} goes backwards in row {backwards[0] + 1}')
-    return _spread(stamps)
+    return stamps
 
 
-def _spread(stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the stamps of a coarse clock, in order, spread evenly over its ticks."""
-    begins = np.flatnonzero(np.diff(stamps_ns, prepend=stamps_ns[:1] - 1))
-    counts = np.diff(begins, append=stamps_ns.size)
-    if begins.size < _TICKS or stamps_ns.size - begins.size <= _SHARED * stamps_ns.size:
+def _spread(stamps_ns: NDArray[np.int64], table: Table) -> NDArray[np.int64]:
+    """Return the stamps of a coarse clock, which gives one to several samples, spread evenly."""
+    shared = stamps_ns.size - different(stamps_ns) > _SHARED * stamps_ns.size
+    found = bursts_of(stamps_ns, _SHARED, _TICKS) if shared else None
+    if found is None or not found.even:
         return stamps_ns
-    steps = np.diff(stamps_ns[begins])
-    tick = float(np.median(steps))
-    widths = np.minimum(np.append(steps, tick), tick)
-    shares = np.maximum(counts, np.median(counts))  # the last tick was cut short
-    place = np.arange(stamps_ns.size) - np.repeat(begins, counts)
-    place[: counts[0]] += int(shares[0] - counts[0])  # and the first one began before
-    later: NDArray[np.int64] = np.rint(place * np.repeat(widths / shares, counts)).astype(np.int64)
-    return stamps_ns + later
+    table.clock = found.taken
+    return spread(Series(stamps_ns, np.zeros(stamps_ns.size)), found).stamps_ns
 
 
 def _plain(unit: str) -> str:

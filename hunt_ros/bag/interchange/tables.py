@@ -35,13 +35,15 @@ class Table(dict[str, Any]):
         Of the columns that have times of their own (a waveform).
     left_out : str
         What of the file was not taken; '' where all was.
+    clock : str
+        What was made of times that several samples share; '' where none do.
     """
 
     def __init__(self, content: Mapping[str, Any] | None = None) -> None:
         super().__init__(content or {})
         self.units: dict[str, str] = {}
         self.stamps_ns: dict[str, NDArray[np.int64]] = {}
-        self.left_out = ''
+        self.left_out = self.clock = ''
 
 
 _STEP = re.compile(r'\.?([^.\[\]]+)|\[([^\[\]]*)\]')

@@ -456,19 +456,23 @@ def test_a_tdms_file_that_was_cut_says_so(tmp_path: Path, capfd) -> None:
 
 
 @pytest.mark.parametrize(
-    ('rate', 'ticks', 'off_s'), [(1200, 1e3, 1e-3), (5000, 1e3, 1e-9), (200, 1, 1e-9)]
+    ('rate', 'ticks'), [(1200, 1e3), (1500, 1e3), (5000, 1e3), (250, 1e2), (200, 1)]
 )
-def test_samples_of_a_coarse_clock_are_spread_over_its_ticks(
-    tmp_path: Path, rate: int, ticks: float, off_s: float
+@pytest.mark.parametrize('half', [0.0, 0.5])
+def test_samples_that_share_a_time_are_taken_as_sampled_evenly_and_said_so(
+    tmp_path: Path, capsys, rate: int, ticks: float, half: float
 ) -> None:
-    """A logger of 5 kHz that writes milliseconds; one of 200 Hz that writes seconds."""
+    """A logger of 5 kHz that writes milliseconds; one of 200 Hz that writes seconds; rounded."""
     times = 0.3 + np.arange(12 * rate) / rate
     file = tmp_path / 'daq.csv'
-    told = np.floor(times * ticks + 1e-6) / ticks
+    told = np.floor(times * ticks + half + 1e-6) / ticks
     file.write_text('t,lateral\n' + ''.join(f'{time:.3f},0.001\n' for time in told))
-    stamps = load_record(file)['lateral'].stamps_ns * 1e-9
-    assert np.abs(stamps - stamps[0] - (times - times[0])).max() <= off_s
-    assert np.diff(stamps).min() > 0.0
+    assert main(['import', str(file), str(tmp_path / 'run')]) == 0
+    assert f'taken as sampled evenly at {rate} Hz' in capsys.readouterr().out
+    stamps = read_record(tmp_path / 'run')['lateral'].stamps_ns * 1e-9
+    np.testing.assert_allclose(np.diff(stamps), 1.0 / rate, rtol=1e-3)
+    main(['check', str(tmp_path / 'run')])
+    assert 'a sample that was lost does not show' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize('code', ['-9999', '9999.9', '-1e30', '3.4e38'])
