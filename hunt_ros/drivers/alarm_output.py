@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import partial
 
+from hunt_ros.drivers.interlock import BLIND
 from hunt_ros.drivers.modbus import ModbusBus, ModbusLink
 from hunt_ros.errors import ConfigError, DriverError
 from hunt_ros.rig import told_by
@@ -89,8 +90,10 @@ class Call:
 
     def hear_drive(self, now_s: float, said: Mapping[str, str]) -> None:
         """Take what the speed node says: of an alarm that outlived its detector, and of a trip."""
-        tripped = said.get('interlock_state') == 'tripped'
         self._drive_s, self._ending = now_s, said.get('ending') == 'True'
+        # The detector may end before it.
+        expected = self._ending and said.get('interlock_code') in BLIND
+        tripped = said.get('interlock_state') == 'tripped' and not expected
         self._shelved = {each.split()[0] for each in said.get('shelved', '').split('; ') if each}
         self._kept = said.get('alarm_kept') or (said['interlock_cause'] if tripped else '')
 

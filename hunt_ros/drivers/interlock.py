@@ -52,7 +52,7 @@ _LEAD_MPS = 0.5
 _LOOKS_S = 0.1
 
 #: Codes (see `alarms`) of what makes it blind, and of what shows that the wheelset moves.
-_BLIND, _SEEN = ('detector', 'inputs', 'drive'), ('displacement', 'amplitude', 'hunting')
+BLIND, _SEEN = ('detector', 'inputs', 'drive'), ('displacement', 'amplitude', 'hunting')
 
 
 @dataclass(frozen=True)
@@ -323,7 +323,7 @@ class Interlock:
         before_ns, self._judged_ns = self._judged_ns, now_ns
         self._held_up_ns += max(0, now_ns - before_ns - round(_LOOKS_S * NANOSECONDS))
         trouble, troubles = self.trouble(now_ns), list(self._troubles(now_ns))
-        blind = any(each.code in _BLIND for each in troubles)
+        blind = any(each.code in BLIND for each in troubles)
         seen = next((each.words for each in troubles if each.code in _SEEN), '')
         amplitude_m = self.heard.largest_m
         if blind and amplitude_m > _GROWN * self.heard.quiet_m:
@@ -340,7 +340,7 @@ class Interlock:
             return self._slow_down(now_ns, speed_mps, trouble.code, seen, lasts)
         if self.state != 'armed':
             return None
-        if trouble.words and (self._watching or trouble.code not in _BLIND):
+        if trouble.words and (self._watching or trouble.code not in BLIND):
             self.goal_mps = self.safe_speed_mps()
             change = self._to('tripped', trouble.words, trouble.since_ns)
             self.code = trouble.code

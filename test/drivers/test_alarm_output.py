@@ -116,7 +116,7 @@ def test_somebody_is_called_by_what_is_said(level, causes, drive, condition, cau
     assert (call.condition, call.cause) == (condition, cause)
 
 
-def test_who_is_silent_calls_whatever_is_shelved() -> None:
+def test_who_is_silent_calls_whatever_is_shelved_but_at_an_end_that_was_asked_for() -> None:
     call = _call('ERROR', 'limit_cycle', **SHELVED)
     assert not call.look(100.9)
     assert call.look(101.1)
@@ -133,6 +133,14 @@ def test_who_is_silent_calls_whatever_is_shelved() -> None:
     call.hear_drive(131.0, {'ending': 'True'})
     assert call.look(131.0)
     assert call.cause == 'the run is being ended: STALE: why', 'no "well" that says STALE'
+    # `ros2 launch` ends the detector at the same moment.
+    tripped = {'ending': 'True', 'interlock_state': 'tripped', 'interlock_cause': 'why'}
+    call = _call('OK')
+    call.hear_drive(100.1, tripped | {'interlock_code': 'detector'})
+    assert not call.look(101.5)
+    call.hear_drive(101.5, tripped | {'interlock_code': 'hunting'})
+    assert call.look(101.5)
+    assert call.condition is ALARM
     call = _call('ERROR')
     assert not call.look(1e6), 'what was an alarm is one while nobody speaks'
     call = Call(1.0, 0.0)

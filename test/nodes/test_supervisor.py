@@ -350,6 +350,21 @@ def test_somebody_is_called_when_the_alarm_outputs_are_gone(run, graph, called) 
     assert calls()[-1].startswith('well: '), 'an end that was asked for calls nobody'
 
 
+def test_somebody_is_called_though_who_calls_was_stopped_and_the_run_is_killed(
+    run, graph, called
+) -> None:
+    rig = run()
+    calls = called()
+    with (graph.folder / 'rig.yaml').open('a') as text:
+        text.write(f"/**/alarm_outputs: {{ros__parameters: {{command: '{calls.program}'}}}}\n")
+    rig.start()
+    graph.spin_until(calls, 60.0)
+    os.kill(rig.child('alarm_outputs'), signal.SIGSTOP)
+    rig.hunt.kill()
+    graph.spin_until(lambda: any('what started the nodes has died' in call for call in calls()))
+    rig.until_safe(0.0)
+
+
 def _killed(rig: Run) -> None:
     rig.start()
     rig.hunt.kill()

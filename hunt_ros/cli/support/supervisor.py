@@ -3,9 +3,10 @@ The supervisor: starts the nodes, starts again what dies, and ends all of them w
 
 A guard keeps the rig safe, and only a wanted end ends it: first of all it takes the roller to the
 safe speed, while everything else still runs. Every process is started again when it ends by
-itself or stands still; to the guards the loss of another is what silence is. Each has a session
-of its own, so that Ctrl-C on the terminal reaches only this program, and is interrupted where
-this program dies. Where the alarm outputs are gone, this program calls by the same outputs.
+itself or stands still; to the guards the loss of another is what silence is. Each is a process
+group of its own, so that Ctrl-C on the terminal reaches only this program, and is interrupted
+where this program dies; one that is stopped goes on then, for the kernel continues what becomes an
+orphan in its session. Where the alarm outputs are gone, this program calls by the same outputs.
 """
 
 from __future__ import annotations
@@ -126,7 +127,7 @@ class _Child:
         return time.monotonic() - self.began_s
 
     def pass_on(self, number: int) -> None:
-        """Send its whole session a signal, where it still runs."""
+        """Send its whole group a signal, where it still runs."""
         if self.process is not None and self.runs:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self.process.pid, number)
@@ -236,7 +237,6 @@ class Supervisor:
                 stderr=log,
                 text=True,
                 env=self.environment | ({AGAIN: '1'} if child.began_s else {}),
-                start_new_session=True,
                 preexec_fn=partial(_in_child, os.getpid()),
             )
         child.began_s, child.others = time.monotonic(), Counter()
@@ -434,6 +434,7 @@ def _end(children: Sequence[_Child]) -> None:
 
 def _in_child(parent: int) -> None:
     """Hold signals back until the node listens, and be interrupted when the parent dies."""
+    os.setpgrp()
     signal.pthread_sigmask(signal.SIG_BLOCK, _HELD_BACK)
     if sys.platform == 'linux':
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT)

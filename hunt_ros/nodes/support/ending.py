@@ -23,14 +23,15 @@ from typing import NoReturn
 _NOTICE_S = 1.0
 #: What a node then has to close what it holds, s, unless it says another time.
 CLOSING_S = 0.7
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
-#: Who signals again after this, s, does not want to wait; a group and its leader get one together.
+#: The last comes where a terminal is closed: also to what `ros2 launch` has started in it.
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+#: Who presses Ctrl-C after this, s, does not want to wait; a group and its leader get it at once.
 _AGAIN_S = 1.0
 
 
 class Ending:
     """
-    Listens for SIGINT and SIGTERM; to be made once, in the main thread.
+    Listens for the signals of an end; to be made once, in the main thread.
 
     Parameters
     ----------
@@ -58,6 +59,8 @@ class Ending:
         os.set_blocking(wakeup, False)
         signal.set_wakeup_fd(wakeup, warn_on_full_buffer=False)
         for number in _SIGNALS:
+            if number == signal.SIGHUP and signal.getsignal(number) is signal.SIG_IGN:
+                continue  # as nohup leaves it
             signal.signal(number, lambda number, frame: None)
         threading.Thread(target=self._listen, name='ending', daemon=True).start()
         # Whoever started this process may have held them back until somebody listens.
@@ -78,7 +81,7 @@ class Ending:
         within_s : float
             The process ends after so long, s.
         patient : bool
-            False: another signal ends it at once.
+            False: Ctrl-C ends it at once.
         """
         self.doing, self._patient = doing, patient
         if patient:  # it is closing
@@ -100,7 +103,8 @@ class Ending:
         while (left_s := self._until_s - time.monotonic()) > 0.0:
             again = select.select([self._pipe], [], [], min(left_s, 0.2))[0]
             late = time.monotonic() - asked_s > _AGAIN_S
-            if again and os.read(self._pipe, 64) and late and not self._patient:
+            pressed = again and signal.SIGINT in os.read(self._pipe, 64)
+            if pressed and late and not self._patient:
                 break
         self.say(f'ended while {self.doing}')
         self.leave(1 if self._unsafe_s else 0)
