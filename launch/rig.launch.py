@@ -18,7 +18,16 @@ from launch_ros.actions import Node
 from hunt_ros.drivers.alarm_output import AlarmSettings
 from hunt_ros.drivers.safety_state import state_file
 from hunt_ros.rig import Rig
-from hunt_ros.suite import ALARM_OUTPUTS, DRIVE, LISTENERS, PAGE, SIMULATOR, SUITE, sources_of
+from hunt_ros.suite import (
+    ALARM_OUTPUTS,
+    DRIVE,
+    GUARDS,
+    LISTENERS,
+    PAGE,
+    SIMULATOR,
+    SUITE,
+    sources_of,
+)
 
 #: The values of an argument that is a switch.
 SWITCH = ['true', 'false']
@@ -40,7 +49,11 @@ ARGUMENTS = {
         'All but the guards in one process; they fail together',
     ),
     'use_sim_time': ('', ['', *SWITCH], 'Follow /clock; empty: as the parameter file says'),
-    'respawn': ('false', SWITCH, 'Start a process again when it ends by itself'),
+    'respawn': (
+        'false',
+        SWITCH,
+        'Start a process again when it ends by itself; the guards of a real rig always are',
+    ),
     'log_level': (
         'info',
         ['debug', 'info', 'warn', 'error', 'fatal'],
@@ -95,6 +108,8 @@ def _nodes(given: Mapping[str, str]) -> list[Node]:
     def alone(name: str) -> Node:
         """Return a node in a process of its own: under SROS2 it has the key of its enclave."""
         own = dict(common)
+        if name in GUARDS and not simulated:  # gone it leaves the roller as it was
+            own['respawn'] = True
         if name == DRIVE:  # the way down to the safe speed takes its time
             own |= dict.fromkeys(('sigterm_timeout', 'sigkill_timeout'), _WAY_DOWN_S)
             # A simulated rig is a new one each time: nothing of the one before is in force.

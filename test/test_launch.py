@@ -127,6 +127,8 @@ def test_only_a_rig_that_is_not_simulated_is_slowed_down_at_the_end(launched) ->
     real, *_ = launched(simulated='false')
     assert {'slow_down_at_end': False} not in real.named['parameters']
     assert float(real.named['sigterm_timeout']) > 100.0, 'launch would end it after 5 s'
+    assert real.named['respawn'] is True, 'a guard that is gone leaves the roller as it was'
+    assert simulated.named['respawn'] is False
 
 
 def test_what_is_not_given_does_not_override_the_users_file(launched, tmp_path: Path) -> None:
