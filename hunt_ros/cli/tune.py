@@ -42,7 +42,11 @@ def run(arguments: argparse.Namespace) -> int:
         write_picture(picture(outcomes), arguments.out)
     tell(
         arguments.json,
-        lambda: {'truth': _truth(truths), 'settings': [one.to_json() for one in outcomes]},
+        lambda: {
+            'truth': _truth(truths),
+            'settings': [one.to_json() for one in outcomes],
+            'warnings': _warnings(outcomes),
+        },
         lambda: '\n'.join(_lines(truths, outcomes)),
     )
     return 0 if any(truth.hunting or truth.harmless for truth in truths) else 1
@@ -89,10 +93,18 @@ def _lines(truths: Sequence[Truth], outcomes: Sequence[Outcome]) -> list[str]:
         lines.append(
             f'{name:32}{one.false_alarms:>6}{told:>26}{delay:>24}{one.missed:>8}{one.undecided:>11}'
         )
+    return lines + _warnings(outcomes)
+
+
+def _warnings(outcomes: Sequence[Outcome]) -> list[str]:
+    """Return why a number is not known, and where it says nothing."""
+    found = []
     if not outcomes[0].harmless_s:
-        lines.append(
+        found.append(
             'nothing harmless was seen: no rate of false alarms is known, and no picture drawn'
         )
     elif not any(one.differs(outcomes[0]) for one in outcomes):
-        lines.append('no rate of false alarms differs from the present one by more than chance')
-    return lines
+        found.append('no rate of false alarms differs from the present one by more than chance')
+    if not all(one.delays_s for one in outcomes):
+        found.append('no delay is known where nothing hunted, or all that did was missed')
+    return found

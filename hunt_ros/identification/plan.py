@@ -220,8 +220,8 @@ def plan(known: Identification, settings: PlanSettings | None = None) -> Plan:
     slowest = min(settings.start_speed_mps or known.speeds[0], known.speeds[0])
     if ceiling <= slowest:
         raise ConfigError(
-            f'plan: speed_ceiling_mps must be above the slowest speed, {slowest:g} m/s,'
-            f' got {ceiling:g}'
+            f'plan: expected a fastest speed above the slowest, {slowest:g} m/s, got {ceiling:g}:'
+            ' give that of the rig (speed_ceiling_mps)'
         )
     if settings.start_speed_mps > ceiling:
         raise ConfigError(

@@ -7,8 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from runpy import run_path
 
+import numpy as np
 import pytest
+from made import record_of
 
+from hunt_ros.bag import write_record
 from hunt_ros.cli.main import main
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.profile import Profile
@@ -71,3 +74,20 @@ def test_bad_input_is_one_line_and_exit_2(form, tmp_path, capsys):
         error = capsys.readouterr().err
         assert error.count('\n') == 1, words
         assert said in error, words
+
+
+def test_what_one_speed_and_one_limit_cycle_do_not_tell_has_its_reason(tmp_path, capsys) -> None:
+    t = 1.0 + np.arange(3000) / 100.0
+    motion = 1e-3 * np.sin(2.0 * np.pi * 2.8 * t) + 1e-6 * np.random.default_rng(1).normal(
+        size=3000
+    )
+    bag = str(write_record(tmp_path / 'run', record_of(t, lateral=motion, speed=6.5)))
+    assert main(['plan', bag]) == 2
+    error = capsys.readouterr().err
+    assert 'got 6.5: give that of the rig (speed_ceiling_mps)' in error
+    assert main(['tune', bag, '--grid', 'false_alarms_per_week=100', '--json', '-']) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert all(one['false_alarms_per_hour'] is None for one in document['settings'])
+    assert any('no rate of false alarms is known' in text for text in document['warnings'])
+    unknown = any(one['delay']['median_s'] is None for one in document['settings'])
+    assert unknown == any('no delay is known' in text for text in document['warnings'])
