@@ -92,8 +92,8 @@ class _Reader:
         buffers = self._read()
         # Joints of several publishers on one topic: the one that is named as the channel is meant.
         shared = {name for name, buffer in buffers.items() if len(buffer.joints) > 1}
-        if shared or any(not buffer.in_order for buffer in buffers.values()):
-            buffers = self._read(True, shared)
+        if shared:
+            buffers = self._read(shared)
         columns = {}
         for name, buffer in buffers.items():
             source = self.sources[name]
@@ -111,12 +111,10 @@ class _Reader:
                 )
         return columns
 
-    def _read(
-        self, with_log: bool = False, shared: Collection[str] = ()
-    ) -> dict[str, _ColumnBuffer]:
-        """Read once; see `_ColumnBuffer` for `with_log`, `_wanted` for `shared`."""
+    def _read(self, shared: Collection[str] = ()) -> dict[str, _ColumnBuffer]:
+        """Read once; the names in `shared` are those that `_wanted` looks for alone."""
         buffers = {
-            name: _ColumnBuffer(self.bag.topics[topic].messages, with_log)
+            name: _ColumnBuffer(self.bag.topics[topic].messages)
             for name, topic in self.topics.items()
         }
         plans: dict[tuple[str, str, str, str], Wanted] = {}
@@ -157,23 +155,15 @@ class _Reader:
 
 
 class _ColumnBuffer:
-    """
-    Collects stamps and values of one channel, with little beside their own memory.
+    """Collects stamps, values and log times of one channel, with little beside their memory."""
 
-    `with_log` keeps the log times as well, to sort by them. A first pass does without, and
-    `in_order` says whether that was enough.
-    """
-
-    def __init__(self, expected: int, with_log: bool) -> None:
+    def __init__(self, expected: int) -> None:
         # The counts of a damaged file are not to be believed without bound.
         capacity = min(expected, _MOST) or _FIRST
         self._stamps = np.empty(capacity, dtype=np.int64)
         self._values = np.empty(capacity)
-        self._log = np.empty(capacity if with_log else 0, dtype=np.int64)
-        self._with_log = with_log
+        self._log = np.empty(capacity, dtype=np.int64)
         self._size = 0
-        self._last_ns = -(1 << 63)
-        self.in_order = True
         self.joints: set[str] = set()
         self.others: set[str] = set()
         self.empty = 0
@@ -183,33 +173,27 @@ class _ColumnBuffer:
         self.joints |= found.joints
         self.others |= found.others
         self.empty += found.empty
-        log_ns, count = found.log_ns, found.values.size
-        if not count:
-            return
-        in_order = log_ns[0] >= self._last_ns and (log_ns[1:] >= log_ns[:-1]).all()
-        self.in_order = self.in_order and bool(in_order)
-        self._last_ns = int(log_ns[-1])
+        log_ns = found.log_ns
         stamps = log_ns if kind == 'log' else found.stamps_ns
         if not stamps.all():
             # A header that nobody filled says nothing: the log time stands in.
             stamps = np.where(stamps == 0, log_ns, stamps)
-        end = self._size + count
+        end = self._size + found.values.size
         if end > self._values.size:
             # In place where the system can: the old and the new are rarely there together.
             capacity = max(end, 2 * self._values.size)
-            for array in (self._stamps, self._values, self._log)[: 3 if self._with_log else 2]:
+            for array in (self._stamps, self._values, self._log):
                 array.resize(capacity, refcheck=False)
         place = slice(self._size, end)
         self._stamps[place], self._values[place] = stamps, found.values
-        if self._with_log:
-            self._log[place] = log_ns
+        self._log[place] = log_ns
         self._size = end
 
     def series(self, scale: float, offset: float) -> Series:
         """Return what was collected, scaled, in the order of log time."""
         stamps, values = self._stamps[: self._size], self._values[: self._size]
-        if not self.in_order:
-            log_ns = self._log[: self._size]
+        log_ns = self._log[: self._size]
+        if (log_ns[1:] < log_ns[:-1]).any():
             back = np.diff(log_ns, prepend=log_ns[:1]) < -_SET_BACK_NS
             # A clock is set once; a writer that shuffles goes back all the time.
             clock = np.cumsum(back) if 100 * np.count_nonzero(back) < back.size else 0 * log_ns
