@@ -22,6 +22,7 @@ from hunt_ros.drivers.alarm_output import AlarmOutput, AlarmSettings, Call, Cond
 from hunt_ros.errors import ConfigError, DriverError, one_line
 from hunt_ros.nodes.support.conversions import read_diagnostic
 from hunt_ros.nodes.support.diagnostics import Health, steady_clock
+from hunt_ros.nodes.support.ending import abandoned
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
@@ -67,7 +68,7 @@ class AlarmOutputsNode(SuiteNode):
 
     def wind_down(self) -> bool:
         """Call where nobody is left who could; what was shown so stays shown."""
-        if self.abandoned and not self._left:
+        if abandoned() and not self._left:
             self._left = True
             for name in self._outputs:
                 self._try(name, lambda output: output.show(Condition.DOUBT, _ABANDONED))

@@ -36,6 +36,7 @@ from hunt_ros.files import write_whole
 from hunt_ros.nodes.support.conversions import diagnostic, heard_of, joint_writer, twist
 from hunt_ros.nodes.support.diagnostics import Health, NewSince, log, steady_clock
 from hunt_ros.nodes.support.driver_node import DriverNode
+from hunt_ros.nodes.support.ending import abandoned
 from hunt_ros.nodes.support.hearing import CallWords, Channels
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import EVENTS, MEASUREMENTS, STATUS, latched, stream
@@ -392,7 +393,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         if unguarded or not self._config.slow_down_at_end:
             return True
         # Again and again: no rearm ends it. Nobody watches where who started this one has died.
-        speed_mps, safe_mps = guard.readings.speed_mps, guard.end(self.abandoned)
+        speed_mps, safe_mps = guard.readings.speed_mps, guard.end(abandoned())
         lasts_s, self._asked_s = _FIRST_S, min(now_s, self._asked_s)
         if not math.isnan(speed_mps):
             ramp_s = max(0.0, speed_mps - safe_mps) / guard.command.limits.safe_deceleration_mps2

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 import signal
 import socket
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -96,6 +98,23 @@ def test_the_speed_node_takes_the_roller_to_the_safe_speed_before_it_ends(graph,
     assert process.returncode == 0
     assert speeds[0].twist.linear.x == pytest.approx(8.0, abs=0.1)
     assert speeds[-1].twist.linear.x == pytest.approx(6.5, abs=0.1)
+
+
+def test_a_speed_node_that_nobody_asks_for_any_more_is_in_no_hurry(graph) -> None:
+    """A service manager that is late on a busy machine interrupts it a second time."""
+    speeds = graph.collect(TwistStamped, 'speed')
+    graph.start('rig_simulator', port=graph.port, initial_speed_mps=8.0)
+    words = [sys.executable, '-m', 'hunt_ros.nodes.entry', 'roller_speed', '--ros-args']
+    words += ['-r', '__ns:=/rig', '-p', f'port:={graph.port}', '-p', 'safe_deceleration_mps2:=2.0']
+    starter = ['sh', '-c', '"$@" & echo $!; wait', 'sh', *words]
+    with subprocess.Popen(starter, stdout=subprocess.PIPE, text=True) as started:
+        node = int(started.stdout.readline())
+        graph.spin_until(lambda: speeds, 60.0)
+        started.kill()
+        os.kill(node, signal.SIGINT)
+        graph.spin(1.5)
+        os.kill(node, signal.SIGINT)
+    graph.spin_until(lambda: speeds[-1].twist.linear.x < 0.1)
 
 
 FORM = Path(__file__).resolve().parents[2] / 'bags' / 'paper.yaml'

@@ -27,6 +27,12 @@ CLOSING_S = 0.7
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 #: Who presses Ctrl-C after this, s, does not want to wait; a group and its leader get it at once.
 _AGAIN_S = 1.0
+_PARENT = os.getppid()
+
+
+def abandoned() -> bool:
+    """Return True where the process that started this one has died."""
+    return os.getppid() != _PARENT
 
 
 class Ending:
@@ -103,7 +109,7 @@ class Ending:
         while (left_s := self._until_s - time.monotonic()) > 0.0:
             again = select.select([self._pipe], [], [], min(left_s, 0.2))[0]
             late = time.monotonic() - asked_s > _AGAIN_S
-            pressed = again and signal.SIGINT in os.read(self._pipe, 64)
+            pressed = again and signal.SIGINT in os.read(self._pipe, 64) and not abandoned()
             if pressed and late and not self._patient:
                 break
         self.say(f'ended while {self.doing}')

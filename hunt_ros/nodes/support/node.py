@@ -9,7 +9,6 @@ of a service, which has its place behind them, is never answered. A polled subsc
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Callable, Iterator
 from threading import Event
@@ -64,7 +63,6 @@ class SuiteNode(Node):
 
     def __init__(self, name: str, alone: bool = True, **keywords: Any) -> None:
         super().__init__(name, **keywords)
-        self._parent = os.getppid()
         self._diagnostics = Diagnostics(self, self._health, alone)
         self._workers: list[Worker] = []
         self.add_on_set_parameters_callback(_keeps_its_clock)
@@ -97,11 +95,6 @@ class SuiteNode(Node):
         subscription = self.create_subscription(kind, topic, _never, *args, **keywords)
         self._polled |= {subscription}
         return subscription
-
-    @property
-    def abandoned(self) -> bool:
-        """True where the process that started this one has died."""
-        return os.getppid() != self._parent
 
     def _health(self) -> Health:
         """Return what it says of itself on `/diagnostics`; by every node that is `alone`."""
