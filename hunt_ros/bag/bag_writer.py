@@ -148,8 +148,10 @@ class BagWriter:
 
     def write(self, topic: int, log_ns: int, message: bytes | memoryview) -> None:
         """Write one message as it was on the wire (CDR with its encapsulation)."""
-        with self._writing():
+        try:  # not by `_writing`, which takes as long as the writing
             self._file.add(topic, log_ns, bytes(message))
+        except OSError as error:
+            raise self._refused(error) from error
 
     def note(self, name: str, strings: Mapping[str, str]) -> None:
         """
@@ -192,11 +194,6 @@ class BagWriter:
         """See what was flushed on the disk itself: it survives a power cut."""
         with self._writing():
             self._file.sync()
-
-    @property
-    def file_ns(self) -> int:
-        """Log time that the file at hand spans, ns."""
-        return self._file.span_ns
 
     @property
     def file_count(self) -> int:
@@ -249,8 +246,11 @@ class BagWriter:
         try:
             yield
         except OSError as error:
-            reason = error.strerror or error
-            raise BagError(f'{self.active}: cannot write the recording ({reason})') from error
+            raise self._refused(error) from error
+
+    def _refused(self, error: OSError) -> BagError:
+        reason = error.strerror or error
+        return BagError(f'{self.active}: cannot write the recording ({reason})')
 
 
 def quality_of_service(latched: bool) -> str:

@@ -118,6 +118,7 @@ class Recording:
         self._names: list[str] = []  # the number of a topic is its place, from 1
         self._lock = threading.Lock()
         self._split_s = -math.inf  # when a new file was asked for, steady clock
+        self._begun_ns: int | None = None  # the first log time of the file at hand
         self._queue: list[_Message | _Order] = []
         self._taken: deque[_Message | _Order] = deque()  # out of it, by the thread
         self._waiting = 0
@@ -188,7 +189,7 @@ class Recording:
         if self._split_s - before_s < _SPLIT_S:  # a folder of thousands is read slowly
             raise BagError(f'the file at hand was begun less than {_SPLIT_S:g} s ago')
         with self._lock:
-            self._queue.append(lambda bag: bag.split())
+            self._queue.append(self._go_on)
         self._wake.set()
 
     @property
@@ -268,20 +269,26 @@ class Recording:
                 self._taken.popleft()
                 continue
             self._bag.write(*item)
-            size = len(item[2])
+            _, log_ns, message = item
+            size = len(message)
             with self._lock:
                 self._taken.popleft()
                 self._waiting -= size
                 self._messages += 1
                 self._bytes += size
-            if self._is_due():
-                self._bag.split()
+            if self._begun_ns is None:
+                self._begun_ns = log_ns
+            most, most_ns = self.limits.split_mib * _MEBIBYTE, self.limits.split_s * NANOSECONDS
+            long = (
+                abs(log_ns - self._begun_ns) >= most_ns > 0.0
+            )  # or its clock was set back so far
+            if long or self._bag.file_bytes >= most > 0.0:
+                self._go_on(self._bag)
 
-    def _is_due(self) -> bool:
-        size, time_ns = self.limits.split_mib * _MEBIBYTE, self.limits.split_s * NANOSECONDS
-        return bool(
-            (size and self._bag.file_bytes >= size) or (time_ns and self._bag.file_ns >= time_ns)
-        )
+    def _go_on(self, bag: BagWriter) -> None:
+        """Go on in a new file."""
+        bag.split()
+        self._begun_ns = None
 
     def _check_disk(self) -> None:
         free = shutil.disk_usage(self._bag.active).free

@@ -19,6 +19,7 @@ from io import FileIO
 from pathlib import Path
 from typing import IO
 
+import numpy as np
 from mcap import records as peer
 from mcap.opcode import Opcode
 
@@ -81,7 +82,6 @@ class McapWriter:
         self._parts: list[bytes] = []
         self._filled = 0
         self._entries: dict[int, list[bytes]] = {}
-        self._span: tuple[int, int] | None = None
         self._put(rec.MAGIC + rec.pack(peer.Header('ros2', 'hunt_ros')))
 
     def add_topic(self, topic: Topic) -> None:
@@ -137,29 +137,21 @@ class McapWriter:
         head = _HEAD.pack(rec.MESSAGE, size, topic, sequence, log_ns, publish_ns)
         self._parts += (head, message)
         self._filled += _HEAD.size + len(message)
-        self._extend(log_ns, log_ns)
         if self._filled >= self.chunk_bytes:
             self.flush()
 
-    def _extend(self, first_ns: int, last_ns: int) -> None:
-        before = self._span or (first_ns, last_ns)
-        self._span = (min(before[0], first_ns), max(before[1], last_ns))
-        self.first_ns = first_ns if self.first_ns is None else min(self.first_ns, first_ns)
-        self.last_ns = max(self.last_ns, last_ns)
-
     def flush(self) -> None:
         """Close the chunk at hand and hand it to the operating system."""
-        if self._span is None:
+        if not self._parts:
             return
         raw = b''.join(self._parts)
         stored = compress(raw, self.compression)
-        first, last = self._span
-        chunk = rec.pack(
-            peer.Chunk(self.compression, stored, last, first, zlib.crc32(raw), len(raw))
-        )
         entries = {topic: b''.join(several) for topic, several in self._entries.items()}
-        self._put_chunk(chunk, entries)
-        self._parts, self._filled, self._entries, self._span = [], 0, {}, None
+        times = np.frombuffer(b''.join(entries.values()), '<u8')[::2]
+        first, last = int(times.min()), int(times.max())
+        chunk = peer.Chunk(self.compression, stored, last, first, zlib.crc32(raw), len(raw))
+        self._put_chunk(rec.pack(chunk), entries)
+        self._parts, self._filled, self._entries = [], 0, {}
 
     def add_chunk(self, raw: bytes, entries: Mapping[int, bytes]) -> None:
         """
@@ -173,10 +165,7 @@ class McapWriter:
             By topic: (log time, offset) of each message in it, 8 bytes each.
         """
         self.flush()
-        chunk = rec.unpack_chunk(raw, 0, len(raw) - rec.RECORD.size)
-        self._extend(chunk.first_ns, chunk.last_ns)
         self._put_chunk(raw, entries)
-        self._span = None
 
     def _put_chunk(self, raw: bytes, entries: Mapping[int, bytes]) -> None:
         """Write a chunk with its message indexes, or nothing of it."""
@@ -209,6 +198,9 @@ class McapWriter:
             self._chunk_index.seek(before)
             raise
         self._chunk_count += 1
+        if self.first_ns is None or chunk.first_ns < self.first_ns:
+            self.first_ns = chunk.first_ns
+        self.last_ns = max(self.last_ns, chunk.last_ns)
         for topic, body in entries.items():
             self.counts[topic] += len(body) // _ENTRY.size
 
@@ -216,11 +208,6 @@ class McapWriter:
     def pending_bytes(self) -> int:
         """Bytes that are in the chunk at hand and not yet in the file."""
         return self._filled
-
-    @property
-    def span_ns(self) -> int:
-        """Log time from the first message to the last, the chunk at hand included, ns."""
-        return 0 if self.first_ns is None else self.last_ns - self.first_ns
 
     def sync(self) -> None:
         """See what is in the file on the disk."""
