@@ -13,7 +13,7 @@ import os
 import socket
 from collections.abc import Collection
 
-#: Nodes that only listen: started first, so that no sample is missed.
+#: Nodes that only listen.
 LISTENERS = ('bag_recorder', 'hunting_detector', 'normal_form_identifier')
 #: The node of each sensor of motion: started where the rig has its channel.
 SENSORS = {'lateral': 'lateral_sensor', 'yaw': 'yaw_sensor', 'axle_box': 'axle_box_sensor'}
@@ -76,5 +76,6 @@ class Awaited(str):
     """The level of what has never been there yet: during a start it is only waited for."""
 
 
-#: Every node that is an executable of the package.
-NODES = (SIMULATOR, *LISTENERS, *SENSORS.values(), *GUARDS, PAGE)
+#: Every node that is an executable of the package, in the order of a start: guards first, then who
+#: listens, so that no sample is missed.
+NODES = (*GUARDS, *LISTENERS, SIMULATOR, *SENSORS.values(), PAGE)

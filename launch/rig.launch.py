@@ -17,12 +17,13 @@ from launch_ros.actions import Node
 
 from hunt_ros.drivers.alarm_output import AlarmSettings
 from hunt_ros.drivers.safety_state import state_file
-from hunt_ros.rig import Rig
+from hunt_ros.rig import Rig, parameters_of
 from hunt_ros.suite import (
     ALARM_OUTPUTS,
     DRIVE,
     GUARDS,
     LISTENERS,
+    NODES,
     PAGE,
     SIMULATOR,
     SUITE,
@@ -81,7 +82,8 @@ def generate_launch_description() -> LaunchDescription:
 def _nodes(given: Mapping[str, str]) -> list[Node]:
     """Return the nodes for these values of the arguments."""
     file = _rig_file(given['rig'])
-    rig = Rig.from_texts([_read(file)])
+    text = Path(file).read_text(encoding='utf-8')
+    rig = Rig.from_texts([(file, text)])
     parameters: list[object] = [file]
     if given['normal_form']:
         parameters.append(_file(given['normal_form'], 'normal_form'))
@@ -98,12 +100,13 @@ def _nodes(given: Mapping[str, str]) -> list[Node]:
     level = ['--ros-args', '--log-level', given['log_level']]
     where = given['namespace'].strip('/')
     simulated = given['sensors'] == given['simulated'] == 'true'
+    folder = parameters_of('bag_recorder', text, file).get('directory', 'recordings')
     sources = sources_of(rig.channels) if given['sensors'] == 'true' else ()
-    alarms = AlarmSettings.told([_read(file)])
-    # Guards first; of the others the listeners, and in one process they are ended last.
-    guards = [DRIVE] * (DRIVE in sources) + [ALARM_OUTPUTS] * bool(alarms)
-    names = [*LISTENERS, *[SIMULATOR] * simulated, *(each for each in sources if each != DRIVE)]
-    page = [PAGE] * (given['page'] == 'true')
+    alarms = AlarmSettings.told([(file, text)])
+    wanted = {*LISTENERS, *sources, *[ALARM_OUTPUTS] * bool(alarms), *[SIMULATOR] * simulated}
+    wanted |= {PAGE} if given['page'] == 'true' else set()
+    names = [name for name in NODES if name in wanted]
+    together = [name for name in names if name not in (*GUARDS, PAGE)]
 
     def alone(name: str) -> Node:
         """Return a node in a process of its own: under SROS2 it has the key of its enclave."""
@@ -113,26 +116,21 @@ def _nodes(given: Mapping[str, str]) -> list[Node]:
         if name == DRIVE:  # the way down to the safe speed takes its time
             own |= dict.fromkeys(('sigterm_timeout', 'sigkill_timeout'), _WAY_DOWN_S)
             # A simulated rig is a new one each time: nothing of the one before is in force.
-            kept = {'state_file': str(state_file(Path('recordings'), where))}
+            kept = {'state_file': str(state_file(Path(folder), where))}
             own['parameters'] = [*parameters, {'slow_down_at_end': False} if simulated else kept]
         return Node(executable=name, arguments=[*level, '--enclave', f'/{where}/{name}'], **own)
 
     if given['one_process'] == 'true':
-        workers = [Node(executable=SUITE, arguments=[*names, *level], **common)]
-    else:
-        workers = [alone(name) for name in names]
-    return [*map(alone, guards), *workers, *map(alone, page)]
+        guards, page = ([name for name in names if name in one] for one in (GUARDS, (PAGE,)))
+        suite = Node(executable=SUITE, arguments=[*together, *level], **common)
+        return [*map(alone, guards), suite, *map(alone, page)]
+    return [*map(alone, names)]
 
 
 def _rig_file(path: str) -> str:
     """Return the parameter file of the rig."""
     share = Path(get_package_share_directory('hunt_ros'))
     return _file(path, 'rig') or str(share / 'config' / 'rig.yaml')
-
-
-def _read(path: str) -> tuple[str, str]:
-    """Return a file, and what stands in it."""
-    return path, Path(path).read_text(encoding='utf-8')
 
 
 def _file(path: str, argument: str) -> str:

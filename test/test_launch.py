@@ -121,7 +121,7 @@ def test_one_process_has_the_same_nodes_and_parameters(launched) -> None:
     assert node.named['respawn'] is several[1].named['respawn'] is True
 
 
-def test_only_a_rig_that_is_not_simulated_is_slowed_down_at_the_end(launched) -> None:
+def test_only_a_rig_that_is_not_simulated_is_guarded_for_good(launched, tmp_path) -> None:
     simulated, *_ = launched()
     assert {'slow_down_at_end': False} in simulated.named['parameters']
     real, *_ = launched(simulated='false')
@@ -129,6 +129,11 @@ def test_only_a_rig_that_is_not_simulated_is_slowed_down_at_the_end(launched) ->
     assert float(real.named['sigterm_timeout']) > 100.0, 'launch would end it after 5 s'
     assert real.named['respawn'] is True, 'a guard that is gone leaves the roller as it was'
     assert simulated.named['respawn'] is False
+    rig = tmp_path / 'rig.yaml'
+    rig.write_text('/**/bag_recorder: {ros__parameters: {directory: /data/lab}}')
+    real, *_ = launched(simulated='false', rig=str(rig))
+    kept = {'state_file': '/data/lab/.rig_speed_state.json'}
+    assert kept in real.named['parameters'], 'where hunt run keeps it'
 
 
 def test_what_is_not_given_does_not_override_the_users_file(launched, tmp_path: Path) -> None:

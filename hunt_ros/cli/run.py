@@ -24,8 +24,8 @@ from hunt_ros.services import SERVICES
 from hunt_ros.suite import (
     ALARM_OUTPUTS,
     DRIVE,
-    GUARDS,
     LISTENERS,
+    NODES,
     SIMULATOR,
     hold,
     sources_of,
@@ -83,14 +83,10 @@ def run(arguments: argparse.Namespace) -> int:
     alarms = options.alarm_outputs_of(arguments)
     options.refuse_place(folder, 'the recordings')
     folder.mkdir(parents=True, exist_ok=True)
-    # Guards first; then who listens, so that no sample is missed.
-    names = (
-        *(name for name in (DRIVE,) if name in sources),
-        *((ALARM_OUTPUTS,) if alarms else ()),
-        *LISTENERS,
-        *((SIMULATOR,) if arguments.simulated else ()),
-        *(name for name in sources if name not in GUARDS),
-    )
+    wanted = {*LISTENERS, *sources}
+    wanted |= {ALARM_OUTPUTS} if alarms else set()
+    wanted |= {SIMULATOR} if arguments.simulated else set()
+    names = tuple(name for name in NODES if name in wanted)
     _refuse_second(namespace, names)
     state = state_file(folder, namespace)
     tested = state.with_suffix('.tested')
