@@ -142,10 +142,8 @@ def _judged(
 
 
 def _absent(channel: str, count: int, rig: Rig) -> Finding:
-    advice = (
-        f'start what publishes the topic {channel}, or leave {channel} out of "channels" of the'
-        ' rig file'
-    )
+    start = 'listen, or record, for longer' if count else f'start what publishes {channel}'
+    advice = f'{start}, or leave {channel} out of "channels" of the rig file'
     text, state = f'{count or "no"} samples', WARN if channel in rig.optional_channels else FAIL
     return Finding('rate', channel, state, text, advice, 0.0, 'Hz')
 

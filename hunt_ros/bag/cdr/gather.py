@@ -9,14 +9,14 @@ left is walked message by message.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.bag.blocks import Block, Places, strided
 from hunt_ros.bag.cdr.layout import FieldPath, FieldPlace, extent, locate
-from hunt_ros.bag.cdr.message_types import Definitions, standard_types
+from hunt_ros.bag.cdr.message_types import Definitions
 
 #: Layouts gathered as arrays before the rest is walked one by one.
 MOST_LAYOUTS = 8
@@ -176,13 +176,14 @@ def _joints(message: bytes, wanted: Wanted) -> tuple[list[str], int, list[tuple[
     A message of velocities alone has no position.
     """
     try:
-        end, lengths = extent(wanted.definitions, wanted.type, message)
-        found: Any = standard_types().deserialize_cdr(message[:end], wanted.type)
-    except Exception as error:  # whatever generated code meets in damaged bytes
+        _, lengths = extent(wanted.definitions, wanted.type, message)
+        # Of the frame, of the names, of each name; of positions, velocities and efforts.
+        first = 2 + lengths[1][1]
+        names = [message[at + 4 : at + 3 + size].decode('utf-8') for at, size in lengths[2:first]]
+        field = first + ('position', 'velocity', 'effort').index(str(wanted.field[0]))
+        return names, lengths[field][1], lengths[: field + 1]
+    except Exception as error:  # whatever the walk meets in damaged bytes
         raise ValueError('the message is shorter than its type') from error
-    field = str(wanted.field[0])
-    before = 3 + ('position', 'velocity', 'effort').index(field)
-    return list(found.name), len(getattr(found, field)), lengths[: before + len(found.name)]
 
 
 def _checks(expected: dict[int, bytes]) -> list[tuple[int, str, int]]:

@@ -241,7 +241,10 @@ def _to_ns(column: NDArray[Any], source: ChannelSource) -> NDArray[np.int64]:
     bad = np.isnat(column) if dates else ~np.isfinite(raw)
     seconds = np.where(bad, 0.0, raw) * source.scale + source.offset
     if (np.abs(seconds) > LATEST_S).any():
-        raise BagError(f'{source.source} reaches beyond {LATEST_S:g} s, expected seconds')
+        raise BagError(
+            f'{source.source} reaches beyond {LATEST_S:g} s: in which unit?'
+            f' (--time {source.source}*0.001 of milliseconds, {source.source}*1e-9 of nanoseconds)'
+        )
     if dates:
         stamps = column.astype('datetime64[ns]').astype(np.int64)
         stamps = stamps + round(source.offset * NANOSECONDS)
