@@ -220,7 +220,8 @@ class Door:
                     name: Block(*c.queues[0].take(until_ns), c.clock.shift_ns != 0)
                     for name, c in self.channels.items()
                 }
-                stamps = np.sort(np.concatenate([block.stamps_ns for block in blocks.values()]))
+                stamps = np.concatenate([block.stamps_ns for block in blocks.values()])
+                stamps.sort(kind='stable')  # runs that are in order are merged
                 yield self._rows(after_ns, until_ns, stamps), blocks
             elif self._is_free and self._epoch_over() and self._more_epochs():
                 if self.silent:  # whether they were is not in the samples

@@ -195,10 +195,10 @@ def _learn(
         likelihood.watch(rules, m['ratios'], v, a, spread, drift, line)
         noise_floor.observe(rules, m['floor'], a)
         if word in (states.NO, states.DECAYING):
-            # By the form, what grows from here is hunting that begins.
-            sure = rules.probability_in
-            beyond = out['escape_probability'] > sure
-            beyond |= predictable and m['outlook']['quiet'] < 1.0 - sure
+            # By the form, what is as likely as not on its way to the cycle is no quiet motion,
+            # and what grows at this speed is hunting that begins.
+            beyond = out['escape_probability'] > states.AS_LIKELY
+            beyond |= predictable and m['outlook']['quiet'] < 1.0 - rules.probability_in
             small = growth_at(form, v, 0.0) if predictable else math.nan
             dying = word != states.NO
             noise_floor.learn(rules, m['floor'], m['ratios'], a, small, not beyond, dying)

@@ -38,10 +38,11 @@ _PATHS, _DRAWS = 64, 200
 QUANTILES = 64
 #: Amplitudes at which the committor is computed, from this part of the limit cycle on.
 _AMPLITUDES, _LEAST = 384, 1e-3
-#: A change of the speed that asks for another outlook, relative to v_c; and the width of the cells
-#: in which one is taken as constant: of the speed, relative as well; of the spread of the noise
-#: intensity, and of the logarithms of this, of the quiet amplitude and of the roughness.
-_SPEED_STEP, _SPEED_CELL, _CELL = 0.0025, 0.0005, 0.1
+#: A change of the speed that asks for another outlook, relative to v_c, or one of the roughness
+#: that does as much; and the width of the cells in which one is taken as constant: of the speed,
+#: relative as well; of the spread of the noise intensity, and of the logarithms of this and of
+#: the quiet amplitude.
+_SPEED_STEP, _SPEED_CELL, _CELL = 0.0025, 0.0005, 0.2
 #: Where no noise is known it is this much, m^2/s: the edge is sharp.
 _NO_NOISE = 1e-18
 #: A limit cycle stands this many standard deviations of its amplitude clear of what is quiet.
@@ -113,6 +114,7 @@ class OutlookTable:
         self._forms = np.resize(forms[forms[:, 0] > 0.0], (_PATHS, own.size)).T
         self._size = 2.0 * identified.form.length_scale
         self._time_scale = identified.form.time_scale
+        self._line_cell = _SPEED_STEP * identified.form.D1 / max(abs(identified.form.D4), 1e-300)
         normal = NormalDist()
         levels = [normal.inv_cdf((k + 0.5) / _PATHS) for k in range(_PATHS)]
         self._noise = np.random.default_rng(0).permutation(levels)
@@ -149,26 +151,30 @@ class OutlookTable:
         if not math.isfinite(speed) or self._speed_cell == math.inf:
             return NO_OUTLOOK
         spread = round(spread / _CELL) if intensity > 0.0 else 0
-        cell = round(speed / self._speed_cell), spread, *map(_cell, (intensity, quiet, roughness))
+        share = min(roughness / self._size, _LARGEST_EXPONENT)
+        line = round(2.0 * share**2 / self._line_cell)
+        cell = round(speed / self._speed_cell), line, spread, _cell(intensity), _cell(quiet)
         if cell not in self._known:
             if len(self._known) >= _KEPT:
                 self._known.clear()
-            middles = map(_middle, cell[2:])
             self._known[cell] = self._compute(
-                cell[0] * self._speed_cell, cell[1] * _CELL, *middles
+                cell[0] * self._speed_cell,
+                cell[1] * self._line_cell,
+                cell[2] * _CELL,
+                *map(_middle, cell[3:]),
             )
         return self._known[cell]
 
     def _compute(
-        self, speed: float, spread: float, intensity: float, quiet: float, roughness: float
+        self, speed: float, line: float, spread: float, intensity: float, quiet: float
     ) -> NDArray[np.void]:
         intensity = intensity or _NO_NOISE
-        first, second, third = self._law(self._forms, speed, roughness)
+        first, second, third = self._law(self._forms, speed, line)
         noise = intensity * np.exp(spread * self._noise)
         low, high = _ends(first, second, third, intensity, quiet)
         found = np.zeros(1, dtype=OUTLOOK)
         with np.errstate(all='ignore'):
-            unstable, _ = steady_radii(*self._law(self._draws, speed, roughness))
+            unstable, _ = steady_radii(*self._law(self._draws, speed, line))
         exists = unstable[np.isfinite(unstable)]
         found['unstable_mean'] = exists.mean() if exists.size else math.nan
         found['unstable_std'] = exists.std() if exists.size else 0.0
@@ -188,14 +194,15 @@ class OutlookTable:
         found['earliest'] = _deciding(risen[_PATHS - 1 - _OUTSIDE], grid)
         return found
 
-    def _law(self, forms: _F, speed: float, roughness: float) -> list[_F]:
+    def _law(self, forms: _F, speed: float, line: float) -> list[_F]:
         """
         Return the growth rate of forms at a speed as a polynomial of A^2, its three coefficients.
 
-        Roughness of amplitude B acts on the mean of the cubic term: A^2 -> A^2 + 2 B^2.
+        Roughness of amplitude B acts on the mean of the cubic term: A^2 -> A^2 + 2 B^2; `line`
+        is that part, in the unit of the form.
         """
         v_c, d1, d7, d4, d10, d15 = forms
-        eps, line = speed / v_c - 1.0, 2.0 * (roughness / self._size) ** 2
+        eps = speed / v_c - 1.0
         first, second = d1 * eps + d7 * eps**2, d4 + d10 * eps
         first, second = first + line * (second + line * d15), second + 2.0 * line * d15
         scales = [self._time_scale * self._size**power for power in (0, 2, 4)]

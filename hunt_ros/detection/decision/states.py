@@ -78,7 +78,7 @@ DISTURBED_S, QUIET_S, ESCAPE_S, CYCLE_S = 0.02, 0.5, 0.1, 1.0
 #: On the limit cycle from this part of the stable branch on, whose place is known to 10 % or so.
 _CYCLE = 0.85
 #: `escaping` is withdrawn once it is as likely to come back.
-_AS_LIKELY = 0.5
+AS_LIKELY = 0.5
 #: What has this part of the amplitude of the hunting, or more, may be the hunting.
 _SAME = 0.7
 #: An amplitude is sure to be less than it seems plus this many standard deviations.
@@ -138,10 +138,10 @@ def judge(
     seen = not out['outside_judged'] > _SAME * memory['reference']
     over = likelihood.settled(ratios) and excess < some and small and not disturbed and seen
     chance = out['escape_probability']
-    beyond = chance > (_AS_LIKELY if hunting == ESCAPING else rules.probability_in)
+    beyond = chance > (AS_LIKELY if hunting == ESCAPING else rules.probability_in)
     beyond &= disturbed or math.isnan(quiet)
     # A branch that comes from zero has the noise on it.
-    arrived = chance > _AS_LIKELY and a > _CYCLE * out['stable_amplitude']
+    arrived = chance > AS_LIKELY and a > _CYCLE * out['stable_amplitude']
     arrived &= disturbed or not math.isnan(out['unstable_amplitude'])
     # On the stable branch it falls as that does, with the speed.
     ends = falls and seen and not arrived

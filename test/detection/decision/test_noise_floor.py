@@ -10,7 +10,11 @@ from decided import ROWS, decided, noise
 
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.decision import decisions, likelihood, noise_floor
+from hunt_ros.detection.decision.form import form_numbers
+from hunt_ros.detection.decision.outlook import OutlookTable
 from hunt_ros.detection.decision.rules import rules_of
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 
 RULES = rules_of(DetectorConfig(), math.nan, math.nan)
 
@@ -81,6 +85,17 @@ def test_what_the_form_calls_escaping_neither_begins_nor_raises_the_floor() -> N
     low = learn(quiet(20.0, 2e-6, 2), False)
     assert low < 0.7 * before
     assert learn(quiet(20.0, 25e-6, 3), True) > 1.3 * low
+
+
+def test_what_as_likely_as_not_reaches_the_cycle_does_not_begin_the_floor() -> None:
+    form = IdentifiedNormalForm(PAPER_NORMAL_FORM)
+    memory = decisions.fresh_memory()
+    memory['outlook'] = OutlookTable(form).at(7.2, math.nan, 0.0, math.nan, 0.0)
+    # A start in the limit cycle, while little of its amplitude is known.
+    path = 4e-4 + quiet(10.0, 8e-6)
+    rows = decided(path, memory=memory, form=form_numbers(form), speed=7.2, std=2.5e-4)
+    assert 0.5 < rows['escape_probability'][-1] < 0.95
+    assert np.isnan(memory['floor']['square'])
 
 
 def test_what_dies_out_at_another_speed_is_not_the_quiet_motion_there() -> None:
