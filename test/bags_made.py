@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, Literal
 
+import lz4.frame
 import numpy as np
+import pytest
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
@@ -15,6 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from hunt_ros.bag import Bag, BagWriter
 from hunt_ros.bag.cdr.message_types import definition_text
+from hunt_ros.bag.mcap.writer import McapWriter as OurWriter
 from hunt_ros.bag.record_writer import serialise
 from hunt_ros.errors import BagError
 from hunt_ros.samples import Record, Series
@@ -47,6 +51,17 @@ def assert_same(left: Record, right: Record) -> None:
     for name in left:
         np.testing.assert_array_equal(left[name].stamps_ns, right[name].stamps_ns, name)
         np.testing.assert_array_equal(left[name].values, right[name].values, name)
+
+
+@contextmanager
+def compressed(kind: str) -> Iterator[None]:
+    """Have the writer of this package compress as others do: '', lz4, zstd."""
+    with pytest.MonkeyPatch.context() as patch:
+        if kind != 'zstd':
+            packed = lz4.frame.compress if kind else bytes
+            patch.setattr(OurWriter, 'compression', kind)
+            patch.setattr(OurWriter, 'compress', staticmethod(packed))
+        yield
 
 
 def write_messages(path: Path, record: Record, **options: Any) -> Path:

@@ -50,7 +50,6 @@ class BagWriter:
         Folder to make; it must not exist.
     notes : mapping of str to str
         Rig, operator, remarks: into every file and into metadata.yaml.
-    compression : '', 'lz4' or 'zstd'
     chunk_bytes : int
         Size at which a chunk is closed, bytes before compression.
 
@@ -65,13 +64,11 @@ class BagWriter:
         path: str | Path,
         *,
         notes: Mapping[str, str] | None = None,
-        compression: str = 'zstd',
         chunk_bytes: int = CHUNK_BYTES,
     ) -> None:
         self.path = Path(path)
         self.active = self.path.with_name(self.path.name + ACTIVE)
         self.notes = {str(key): str(value) for key, value in (notes or {}).items()}
-        self._compression = compression
         self._chunk_bytes = chunk_bytes
         self._topics: dict[str, Topic] = {}
         self._metadata: dict[str, dict[str, str]] = {NOTES: self.notes}
@@ -91,7 +88,7 @@ class BagWriter:
     def _open(self) -> McapWriter:
         path = self.active / f'{self.path.name}_{len(self._files)}.mcap'
         try:
-            file = McapWriter(path, self._compression, self._chunk_bytes)
+            file = McapWriter(path, self._chunk_bytes)
             for name, strings in self._metadata.items():
                 if strings:
                     file.add_metadata(name, strings)

@@ -183,16 +183,6 @@ def is_compressed(data: bytes) -> bool:
     return data[:4] == zstandard.FRAME_HEADER
 
 
-def compress(data: bytes, compression: str) -> bytes:
-    """Compress a chunk; '' leaves it as it is."""
-    if compression == 'zstd':
-        return zstandard.ZstdCompressor(level=1).compress(data)
-    if compression == 'lz4':
-        packed: bytes = lz4.frame.compress(data)
-        return packed
-    return data
-
-
 def expand(data: bytes | memoryview, compression: str, size: int) -> bytes | memoryview:
     """
     Decompress a chunk that claims to hold `size` bytes.

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.bag.bag_writer import BagWriter
 from hunt_ros.bag.cdr.layout import locate, parse_path
-from hunt_ros.bag.cdr.message_types import definitions_of, standard_types, topic_of_type
+from hunt_ros.bag.cdr.message_types import standard_definitions, standard_types
 from hunt_ros.bag.mcap.writer import CHUNK_BYTES
 from hunt_ros.errors import BagError
 from hunt_ros.samples import NANOSECONDS, Record, Series
@@ -34,7 +34,6 @@ def write_record(
     *,
     namespace: str = 'rig',
     notes: Mapping[str, str] | None = None,
-    compression: str = 'zstd',
     chunk_bytes: int = CHUNK_BYTES,
 ) -> Path:
     """
@@ -53,8 +52,6 @@ def write_record(
         Of the topics; '' for none.
     notes : mapping of str to str, optional
         Added to the record's own.
-    compression : str
-        '', 'lz4' or 'zstd'.
     chunk_bytes : int
         Size at which a chunk is closed, before compression.
 
@@ -75,7 +72,7 @@ def write_record(
     together = {**record.notes, **(notes or {})}
     if problems := together.pop('problems', ''):  # those of another recording, not of this one
         together['source_problems'] = problems
-    with BagWriter(path, notes=together, compression=compression, chunk_bytes=chunk_bytes) as bag:
+    with BagWriter(path, notes=together, chunk_bytes=chunk_bytes) as bag:
         for message in messages_of(record, bag.topic, namespace):
             bag.write(*message)
     return Path(path)
@@ -132,7 +129,7 @@ def serialise(channel: str, series: Series) -> NDArray[np.uint8]:
     kind, field = CHANNEL_FIELDS[channel]
     template = _template(channel)
     rows = np.tile(np.frombuffer(template, dtype=np.uint8), (len(series), 1))
-    definitions = definitions_of(topic_of_type(kind))
+    definitions = standard_definitions()
     seconds, rest = np.divmod(series.stamps_ns, NANOSECONDS)
     columns = {'header.stamp.sec': seconds, 'header.stamp.nanosec': rest, field: series.values}
     for path, values in columns.items():

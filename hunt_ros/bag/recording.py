@@ -96,7 +96,6 @@ class Recording:
     limits : RecordingLimits
     notes : mapping of str to str
         Rig, operator, remarks.
-    compression : '', 'lz4' or 'zstd'
 
     Raises
     ------
@@ -110,11 +109,10 @@ class Recording:
         limits: RecordingLimits | None = None,
         *,
         notes: Mapping[str, str] | None = None,
-        compression: str = 'zstd',
     ) -> None:
         self.limits = limits or RecordingLimits()
         self.path = Path(path)
-        self._bag = BagWriter(path, notes=notes, compression=compression)
+        self._bag = BagWriter(path, notes=notes)
         self._names: list[str] = []  # the number of a topic is its place, from 1
         self._lock = threading.Lock()
         self._split_s = -math.inf  # when a new file was asked for, steady clock

@@ -104,9 +104,6 @@ class RecorderConfig(RecordingLimits):
     notes: str = setting('', 'Remarks, for the recording.')
     autostart: bool = setting(True, 'Record from the start.', fixed=True)
     prefix: str = setting('hunt', 'Beginning of the names of recordings.')
-    compression: str = setting(
-        'zstd', 'Of the chunks.', choices=('none', 'lz4', 'zstd'), fixed=True
-    )
     record_estimates: bool = setting(
         False, 'Record the estimates too; a replay makes them again.', fixed=True
     )
@@ -232,9 +229,9 @@ class BagRecorderNode(SuiteNode):
             'started': f'{datetime.now().astimezone():%Y-%m-%dT%H:%M:%S%z}',
             'namespace': self.get_namespace(),
         }
-        path, compression = self._new_path(), config.compression.removeprefix('none')
+        path = self._new_path()
         try:
-            recording = Recording(path, config, notes=notes, compression=compression)
+            recording = Recording(path, config, notes=notes)
         except BagError as error:
             self._fail(error)
             raise

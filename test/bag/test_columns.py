@@ -342,7 +342,7 @@ def test_of_two_rigs_in_one_bag_the_topics_are_named(tmp_path: Path) -> None:
 def test_memory_is_the_columns_and_some_blocks(tmp_path: Path) -> None:
     import tracemalloc
 
-    path = write_record(tmp_path / 'long', make_record(seconds=600.0), compression='zstd')
+    path = write_record(tmp_path / 'long', make_record(seconds=600.0))
     with Bag(path) as bag:
         read_columns(bag, ['a=/rig/yaw'])
         tracemalloc.start()

@@ -17,6 +17,7 @@ from rosbags.highlevel import AnyReader
 
 from hunt_ros.bag import Bag, read_record
 from hunt_ros.bag import recording as room
+from hunt_ros.bag.mcap.writer import McapWriter
 from hunt_ros.bag.record_writer import serialise
 from hunt_ros.bag.recording import Recording, RecordingLimits
 from hunt_ros.errors import BagError, ConfigError
@@ -122,7 +123,8 @@ def test_a_disk_that_refuses_to_write_leaves_whole_chunks(tmp_path: Path) -> Non
     if child == 0:  # the limit is for the process, so it has one of its own
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
-        recording = Recording(tmp_path / 'run', compression='')
+        McapWriter.compress, McapWriter.compression = bytes, ''
+        recording = Recording(tmp_path / 'run')
         key = recording.topic('/rig/lateral', JOINT_STATE)
         for at, message in zip(STAMPS.tolist(), MESSAGES, strict=True):
             recording.offer(key, at, message)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bags_made import make_record, write_messages, write_rosbags
+from bags_made import compressed, make_record, write_messages, write_rosbags
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin
 
@@ -28,7 +28,8 @@ def message_set(path: Path) -> set[tuple[str, int, bytes]]:
 @pytest.fixture(scope='module', params=['', 'lz4', 'zstd'])
 def small(request, tmp_path_factory) -> Path:
     folder, record = tmp_path_factory.mktemp('small'), make_record(seconds=0.05)
-    return write_messages(folder / 'run', record, compression=request.param, chunk_bytes=2000)
+    with compressed(request.param):
+        return write_messages(folder / 'run', record, chunk_bytes=2000)
 
 
 def test_every_prefix_is_read_inspected_and_repaired(small: Path, tmp_path: Path) -> None:
@@ -105,7 +106,8 @@ def test_damage_to_a_length_loses_that_chunk_and_no_other(small: Path, tmp_path:
 
 @pytest.mark.parametrize('compression', ['', 'lz4', 'zstd'])
 def test_a_chunk_that_claims_8_eib_is_refused(tmp_path: Path, compression) -> None:
-    path = write_messages(tmp_path / 'run', make_record(seconds=0.05), compression=compression)
+    with compressed(compression):
+        path = write_messages(tmp_path / 'run', make_record(seconds=0.05))
     (file,) = path.glob('*.mcap')
     with Bag(path) as bag:
         (chunk,) = bag.files[0].layout.chunks

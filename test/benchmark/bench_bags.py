@@ -18,7 +18,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from tables import asked, markdown, publish  # isort: skip
-from bags_made import write_rosbags  # isort: skip
+from bags_made import compressed, write_rosbags  # isort: skip
 
 from hunt_ros.bag import read_columns, read_record, write_record
 from hunt_ros.samples import Record, Series
@@ -98,7 +98,8 @@ def compare(folder: Path, count: int) -> tuple[list[list[object]], dict[str, flo
         if compression == 'SQLite':
             write_rosbags(path, record)
         else:
-            write_record(path, record, compression=compression)
+            with compressed(compression):
+                write_record(path, record)
         read_columns(path, COLUMNS)  # the file is in the page cache for all
         ours = timed(lambda path=path: read_columns(path, COLUMNS), 3)
         raw = timed(lambda path=path: rosbags_raw(path))
@@ -132,7 +133,8 @@ def hour(folder: Path, seconds: float) -> list[list[object]]:
     for compression in ('', 'zstd'):
         name = compression or 'none'
         path = folder / f'hour_{name}'
-        written = timed(lambda path=path, c=compression: write_record(path, record, compression=c))
+        with compressed(compression):
+            written = timed(lambda path=path: write_record(path, record))
         read_record(path)
         reading = timed(lambda path=path: read_record(path), 3)
         rows.append([f'write_record, {name}', written, seconds / written])

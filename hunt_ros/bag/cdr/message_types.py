@@ -97,8 +97,3 @@ def definition_text(message_type: str) -> tuple[str, str]:
         return '', ''
     text, _ = store.generate_msgdef(message_type, ros_version=2)
     return text, store.hash_rihs01(message_type)
-
-
-def topic_of_type(message_type: str) -> Topic:
-    """Return a nameless topic of a standard type, for reading messages made here."""
-    return Topic(0, '', message_type, 'cdr', '', '')

@@ -20,10 +20,11 @@ from pathlib import Path
 from typing import IO
 
 import numpy as np
+import zstandard
 from mcap import records as peer
 from mcap.opcode import Opcode
 
-from hunt_ros.bag.blocks import Topic, compress
+from hunt_ros.bag.blocks import Topic
 from hunt_ros.bag.mcap import records as rec
 
 #: Chunks are closed at this many bytes, before compression.
@@ -41,7 +42,6 @@ class McapWriter:
     ----------
     path : str or Path
         Must not exist.
-    compression : '', 'lz4' or 'zstd'
     chunk_bytes : int
         Size at which a chunk is closed.
 
@@ -52,11 +52,8 @@ class McapWriter:
         an error, cut off again.
     """
 
-    def __init__(
-        self, path: str | Path, compression: str = 'zstd', chunk_bytes: int = CHUNK_BYTES
-    ) -> None:
+    def __init__(self, path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> None:
         self.path = Path(path)
-        self.compression = compression
         self.chunk_bytes = chunk_bytes
         self.size = 0
         self.counts: Counter[int] = Counter()
@@ -140,12 +137,20 @@ class McapWriter:
         if self._filled >= self.chunk_bytes:
             self.flush()
 
+    #: Of the chunks, as MCAP names it.
+    compression = 'zstd'
+
+    @staticmethod
+    def compress(raw: bytes) -> bytes:
+        """Compress a chunk."""
+        return zstandard.ZstdCompressor(level=1).compress(raw)
+
     def flush(self) -> None:
         """Close the chunk at hand and hand it to the operating system."""
         if not self._parts:
             return
         raw = b''.join(self._parts)
-        stored = compress(raw, self.compression)
+        stored = self.compress(raw)
         entries = {topic: b''.join(several) for topic, several in self._entries.items()}
         times = np.frombuffer(b''.join(entries.values()), '<u8')[::2]
         first, last = int(times.min()), int(times.max())
