@@ -40,7 +40,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add('--live', **options.FLAG, help='publish it to the running nodes')
     add = partial(options.add, parser.add_argument_group('with --live only'))
     add('--pace', type=options.number(0.1, 50.0), help='seconds of the rig in a second (1)')
-    add('--loop', **options.FLAG, help='begin anew at the end')
     add('--from', '--to', '--namespace', '--page')
 
 
@@ -87,7 +86,7 @@ def _check(arguments: argparse.Namespace) -> None:
     options.check_stretch(arguments)
     if arguments.live:
         return
-    for option in ('pace', 'from', 'to', 'namespace', 'page', 'loop'):
+    for option in ('pace', 'from', 'to', 'namespace', 'page'):
         if getattr(arguments, {'from': 'start', 'to': 'end'}.get(option, option)) is not None:
             raise ConfigError(f'--{option}: only with --live, the whole recording is replayed')
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -55,7 +55,6 @@ class ReplayConfig(Settings):
     to_s: float = setting(
         math.inf, 'Where to end; inf: at the end.', unit='s', low=0.0, fixed=True
     )
-    loop: bool = setting(False, 'Begin anew at the end.', fixed=True)
     frame_id: str = setting('roller_rig', 'frame_id of the messages.', fixed=True)
 
 
@@ -78,19 +77,17 @@ class LiveReplayNode(SuiteNode):
         values = np.concatenate([record[name].values for name in names])
         which = np.concatenate([np.full(len(record[n]), k) for k, n in enumerate(names)])
         order = np.argsort(stamps, kind='stable')
+        self._began_ns = int(stamps.min())  # of the recording
+        self._length_s = (int(stamps.max()) - self._began_ns) / NANOSECONDS
+        begin_ns = self._began_ns + round(config.from_s * NANOSECONDS)
+        to_s = min(config.to_s, self._length_s)
+        ends = begin_ns, self._began_ns + round(to_s * NANOSECONDS)
+        order = order[slice(*np.searchsorted(stamps, (ends[0], ends[1] + 1), sorter=order))]
+        if not order.size:
+            raise ConfigError(f'replay: no message from {config.from_s:g} s to {to_s:g} s')
         self._stamps, self._values = stamps[order].tolist(), values[order].tolist()
         self._which = which[order].tolist()
-        # The part to play: its ends, ns, and the numbers of its messages.
-        first_ns, self._end_ns = self._stamps[0], self._stamps[-1]
-        self._begin_ns = first_ns + round(config.from_s * NANOSECONDS)
-        if math.isfinite(config.to_s):
-            self._end_ns = min(self._end_ns, first_ns + round(config.to_s * NANOSECONDS))
-        self._first = bisect_left(self._stamps, self._begin_ns)
-        self._last = bisect_right(self._stamps, self._end_ns)
-        if self._first >= self._last:
-            to_s = (self._end_ns - first_ns) / NANOSECONDS
-            raise ConfigError(f'replay: no message from {config.from_s:g} s to {to_s:g} s')
-        self._at_ns, self._playing, self._finished = self._begin_ns, False, False
+        self._at_ns, self._playing, self._finished = begin_ns, False, False
         for _ in range(_DISCOVERY_ROUNDS):
             time.sleep(_LOOK_S)
             if company := self._company(ours=0):
@@ -139,7 +136,7 @@ class LiveReplayNode(SuiteNode):
         self._diagnostics.publish()  # who shows the first sample knows that it is a replay
         self._say_time(max(0, self._stamps[0] - 1))
         time.sleep(0.5)  # clocks of the listeners take the first time before the first sample
-        self._playing, following = True, self._first
+        self._playing, following = True, 0
         checked_ns = before_ns = time.monotonic_ns()
         while not stopping.is_set():
             passed_ns = time.monotonic_ns() - before_ns
@@ -151,19 +148,17 @@ class LiveReplayNode(SuiteNode):
             # Where the process was stopped it goes on, or all of it would come at once.
             if self._playing and passed_ns <= _PAUSE_NS:
                 reached_ns = self._at_ns + round(passed_ns * self._config.rate)
-                self._at_ns = min(reached_ns, self._end_ns)
-            due = range(following, bisect_right(self._stamps, self._at_ns, following, self._last))
+                self._at_ns = min(reached_ns, self._stamps[-1])
+            due = range(following, bisect_right(self._stamps, self._at_ns, following))
             for i in due:
                 self._outputs[self._which[i]](self._stamps[i], self._values[i])
             self._say_time(self._at_ns)
             following = due.stop
-            if following >= self._last:
-                if not self._config.loop:
-                    break
-                self._at_ns, following = self._begin_ns, self._first
+            if following == len(self._stamps):
+                self._finished = True
+                break
             ahead_s = (self._stamps[following] - self._at_ns) / NANOSECONDS
             time.sleep(max(1e-3, min(_CLOCK_S, ahead_s / self._config.rate)))
-        self._finished = following >= self._last
         self.get_logger().info('the recording has been played')
 
     def _say_time(self, stamp_ns: int) -> None:
@@ -178,10 +173,10 @@ class LiveReplayNode(SuiteNode):
         return ''
 
     def _health(self) -> Health:
-        at_s, finished = (self._at_ns - self._stamps[0]) / NANOSECONDS, self._finished
+        at_s, finished = (self._at_ns - self._began_ns) / NANOSECONDS, self._finished
         values: dict[str, object] = {
             'bag': Path(self._config.bag).name,
-            'length_s': (self._stamps[-1] - self._stamps[0]) / NANOSECONDS,
+            'length_s': self._length_s,
             'finished': finished,
         }
         if finished:

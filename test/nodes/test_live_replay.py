@@ -98,12 +98,13 @@ def test_the_part_that_is_asked_for_comes_once_and_a_pause_holds_it(graph) -> No
 def test_a_replay_waits_for_who_judges_and_not_for_the_page(graph) -> None:
     health = graph.told(qos=EVENTS)
     graph.start('dashboard', port=free_port())
-    graph.start('live_replay', bag=_bag(graph.folder, 600.0))
 
     def told(name: str) -> list[dict[str, str]]:
         return [each for each in health if each['name'].endswith(name)]
 
-    graph.spin_until(lambda: told('dashboard') and len(told('live_replay')) > 2)
+    graph.spin_until(lambda: told('dashboard'))
+    graph.start('live_replay', bag=_bag(graph.folder, 600.0))
+    graph.spin_until(lambda: len(told('live_replay')) > 2)
     assert {each.get('listening') for each in told('live_replay')} == {'False'}
     lateral = graph.collect(JointState, 'lateral')
     graph.spin_until(lambda: lateral)

@@ -82,7 +82,6 @@ def _player(arguments: argparse.Namespace) -> dict[str, object]:
         'bag': str(arguments.bag.resolve()),
         'rate': arguments.pace or 1.0,
         'from_s': arguments.start or 0.0,
-        'loop': bool(arguments.loop),
         **({} if arguments.end is None else {'to_s': arguments.end}),
         **({'channels': tuple(map(str, sources.values()))} if sources else {}),
     }
