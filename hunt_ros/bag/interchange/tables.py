@@ -236,6 +236,7 @@ def _read_csv(path: Path) -> Table:
         # Lines of units and the like under the names; what is no such line, its error tells.
         below = list(takewhile(lambda row: _is_head(row, 1), above[place + 1 :]))
         first = place + 1 + len(below)
+        below = [row for row in below if len(row) == len(above[place])]  # no remark
         below = below or [
             ['', *row[1:]] for row in above if row[:1] == ['Y_Unit_Label']
         ]  # LabVIEW
@@ -317,7 +318,7 @@ def _columns(
             if any('.' in row for row in rows):
                 raise ValueError('one of them groups thousands')
             plain = [row.replace(',', '.') for row in rows]
-        table = np.loadtxt(plain, kind, delimiter=delimiter, ndmin=1, comments=('#', '%'))
+        table = np.loadtxt(plain, kind, delimiter=delimiter, ndmin=1, comments=None)
         return dict(zip(names, (table[number] for number in kind.names or ()), strict=True))
     columns: list[list[str]] = [[] for _ in names]
     for place, row in zip(places, rows, strict=True):

@@ -100,6 +100,18 @@ def test_csv_in_the_forms_loggers_write(tmp_path: Path, text: str, channels: lis
     assert set(record) == {'lateral', *(['speed'] if 'speed=5' in channels else [])}
 
 
+def test_a_remark_is_no_line_of_units_and_a_share_no_number(tmp_path: Path) -> None:
+    file = tmp_path / 'daq.csv'
+    rows = [f'{row},0.001' for row in range(50)]
+    file.write_text(
+        '\n'.join(['t_ms,lateral', '# mark 0', *rows[:20], '# mark 1', *rows[20:], ''])
+    )
+    assert len(load_record(file)['lateral']) == 50
+    file.write_text('\n'.join(['t_ms,lateral', *rows, '50,5%', '']))
+    with pytest.raises(BagError, match="line 52: '5%' is not a number"):
+        load_record(file)
+
+
 @pytest.mark.parametrize('end', ['2,2.', '2,2.5e-0', '2', '2,2.5\0\0\0'])
 def test_a_last_line_that_was_cut_is_left_out_and_told(tmp_path: Path, capsys, end: str) -> None:
     (tmp_path / 'a.csv').write_text(f't,lateral\n0,0.01\n1,0.02\n{end}')
