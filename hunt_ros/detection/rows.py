@@ -58,9 +58,8 @@ class RowMaker:
         self._channels = tuple(name for name in CHANNELS if name in config.channels)
         self._estimator = Estimator(self.config)
         self._judged = JudgedChannel(config)
-        #: The coordinate that is judged, and what is quiet in the other one: sizes have units.
+        #: The coordinate that is judged.
         self._judging = ''
-        self._floors: dict[str, NDArray[np.void]] = {}
         self._looked_up = _NO_LOOK
         self._unseen = 0
         self.set_normal_form(None)
@@ -108,7 +107,6 @@ class RowMaker:
             self._unseen = self._estimator.looks_for
         # The noise that it has learnt is that at another frequency; the hunting is the same.
         self._forget(floor=False, reference=True)
-        self._floors.clear()
 
     def start_again(self) -> None:
         """Begin anew after the clocks were set back; form, hunting and noise floor are kept."""
@@ -182,10 +180,8 @@ class RowMaker:
         """Run the decisions, stretch by stretch of one channel that is judged and one outlook."""
         for begin, end, channel in self._judged.stretches(rows):
             if channel != self._judging:
-                if self._judging:
-                    self._floors[self._judging] = self.memory['floor'].copy()
+                if self._judging:  # sizes have units
                     self._forget(floor=False, reference=False)
-                    self.memory['floor'] = self._floors.get(channel, self.memory['floor'])
                 self._judging = channel
             stretch = rows[begin:end]
             lateral = channel == 'lateral'
