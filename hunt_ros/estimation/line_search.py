@@ -14,8 +14,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hunt_ros.estimation.spectrum import without_lines
-
 _F = NDArray[np.float64]
 
 #: A motion is what two windows in a row show, each of so many periods of the lowest frequency: a
@@ -118,7 +116,12 @@ class LineSearch:
         weight = self._window * np.isfinite(values)
         if weight.sum() < 0.5 * self._window.sum():
             return np.full(self._hz.size, math.nan)
-        flat = without_lines(np.nan_to_num(values), np.arange(1.0 * values.size), (), weight)
+        # Without its trend, by least squares.
+        square = weight**2 / np.sum(weight**2)
+        place = np.arange(values.size) - square @ np.arange(values.size)
+        flat = np.nan_to_num(values)
+        flat -= square @ flat
+        flat -= (square @ (place * flat)) / (square @ place**2) * place
         size = np.abs(np.fft.rfft(weight * flat, _FINER * values.size))
         return np.asarray(2.0 * size / weight.sum())
 
