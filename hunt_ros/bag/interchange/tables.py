@@ -418,9 +418,10 @@ def _read_numpy(path: Path) -> Mapping[str, Any]:
 
 def _read_tdms(path: Path) -> Table:
     from nptdms import TdmsFile
+    from nptdms.log import log_manager
 
     table = Table()
-    logging.getLogger('nptdms').setLevel(logging.ERROR)  # a file that was cut is said here
+    log_manager.set_level(logging.ERROR)  # a file that was cut is said here
     with TdmsFile.read(path) as file:
         if file.file_status.incomplete_final_segment:
             table.left_out = 'the end of the last segment, which was cut'
