@@ -91,8 +91,8 @@ class Call:
     def hear_drive(self, now_s: float, said: Mapping[str, str]) -> None:
         """Take what the speed node says: of an alarm that outlived its detector, and of a trip."""
         self._drive_s, self._ending = now_s, said.get('ending') == 'True'
-        # The detector may end before it.
-        expected = self._ending and said.get('interlock_code') in BLIND
+        # The detector may end before it, which is no news; what tripped it before is.
+        expected = self._ending and said.get('interlock_code') in BLIND and not self._kept
         tripped = said.get('interlock_state') == 'tripped' and not expected
         self._shelved = {each.split()[0] for each in said.get('shelved', '').split('; ') if each}
         self._kept = said.get('alarm_kept') or (said['interlock_cause'] if tripped else '')

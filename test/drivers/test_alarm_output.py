@@ -138,6 +138,10 @@ def test_who_is_silent_calls_whatever_is_shelved_but_at_an_end_that_was_asked_fo
     call = _call('OK')
     call.hear_drive(100.1, tripped | {'interlock_code': 'detector'})
     assert not call.look(101.5)
+    before = _call('OK')
+    for ending in ('False', 'True'):
+        before.hear_drive(100.1, tripped | {'interlock_code': 'detector', 'ending': ending})
+    assert before.look(101.5), 'a trip of before the end calls on'
     call.hear_drive(101.5, tripped | {'interlock_code': 'hunting'})
     assert call.look(101.5)
     assert call.condition is ALARM
