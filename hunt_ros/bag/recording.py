@@ -136,19 +136,13 @@ class Recording:
         self._thread = threading.Thread(target=self._work, name='recording', daemon=True)
         self._thread.start()
 
-    def topic(
-        self, name: str, message_type: str, *, latched: bool = False, definition: str = ''
-    ) -> int:
+    def topic(self, name: str, message_type: str, *, latched: bool = False) -> int:
         """Describe a topic; returns its number for `offer`. Asking again is harmless."""
         with self._lock:
             if name in self._names:
                 return self._names.index(name) + 1
             self._names.append(name)
-            self._queue.append(
-                lambda bag: bag.topic(
-                    name, message_type, latched=latched, definition=definition or None
-                )
-            )
+            self._queue.append(lambda bag: bag.topic(name, message_type, latched=latched))
             return len(self._names)
 
     def offer(self, topic: int, log_ns: int, message: bytes) -> bool:
