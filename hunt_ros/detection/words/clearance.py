@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -108,8 +108,7 @@ class _Second:
     """What the rows of one second come to."""
 
     number: int
-    low: float
-    high: float
+    speed: float
     margin: float
     minute: float
     trouble: str
@@ -131,8 +130,7 @@ class _Second:
         margin = np.where(calm & np.isfinite(rows['outlook']), math.inf, rows['margin_low'])
         return cls(
             int(rows['stamp_ns'][0]) // NANOSECONDS,
-            float(rows['speed'].min()),
-            float(rows['speed'].max()),
+            float(rows['speed'].mean()),  # a reading may scatter
             float(margin.min()),
             float(rows['outlook'].max()),
             trouble,
@@ -158,8 +156,8 @@ class Clearances:
 
     Notes
     -----
-    Smallest, largest and first of what falls into each second: in whatever blocks the rows come,
-    the verdict is the same. A row is missing where nothing was heard: that ends the hold.
+    Smallest, largest, first or mean of what falls into each second: in whatever blocks the rows
+    come, the verdict is the same. A row is missing where nothing was heard: that ends the hold.
     """
 
     def __init__(self, config: DetectorConfig) -> None:
@@ -206,7 +204,8 @@ class Clearances:
 
     def _range_with(self, second: _Second) -> tuple[float, float]:
         # Of numpy: what is not known does not vanish.
-        return float(np.minimum(self._low, second.low)), float(np.maximum(self._high, second.high))
+        speed = second.speed
+        return float(np.minimum(self._low, speed)), float(np.maximum(self._high, speed))
 
     @property
     def _held_s(self) -> int:
@@ -226,11 +225,13 @@ class Clearances:
         if not self._open.size:
             return Clearance(reason=doubt or Clearance.reason)
         newest = _Second.of(self._open)
+        if self._seconds and self._open['stamp_ns'][-1] % NANOSECONDS < NANOSECONDS // 2:
+            newest = replace(newest, speed=self._seconds[-1].speed)  # too few for a mean
         if doubt or not self._goes_on(newest):
             # Not held yet, but whether it hunts is known.
             reason = doubt or newest.trouble or 'the speed is not held yet'
             hunts = (0.0, 1.0) if newest.hunts and not doubt else (math.nan, math.nan)
-            return Clearance(newest.number * NANOSECONDS, newest.high, 0.0, *hunts, reason)
+            return Clearance(newest.number * NANOSECONDS, newest.speed, 0.0, *hunts, reason)
         return self._judged([*self._seconds, newest], forecast_high_mps)
 
     def all(self) -> list[Clearance]:
@@ -243,7 +244,7 @@ class Clearances:
     ) -> Clearance:
         """Judge the last seconds of the hold, at least one."""
         # Of its last second: the hold may have begun with the end of a ramp.
-        held_s, speed = self._held_s, 0.5 * (seconds[-1].low + seconds[-1].high)
+        held_s, speed = self._held_s, seconds[-1].speed
         trouble = next((one.trouble for one in reversed(seconds) if one.trouble), '')
         # Form and forecast contradict each other: then neither number is known.
         below = forecast_high_mps < speed

@@ -96,6 +96,16 @@ def test_a_doubt_is_over_once_it_has_left_the_last_seconds_and_hunting_is_margin
     assert (now.margin, now.escape_chance) == (0.0, 1.0)
 
 
+def test_a_speed_whose_readings_scatter_is_held() -> None:
+    rng = np.random.default_rng(1)
+    for seconds in (40.0, 40.3, 40.9):
+        count = round(100 * seconds)
+        rows = np.repeat(rows_of(seconds), 10)
+        rows['stamp_ns'] = 100 * S + np.arange(count, dtype=np.int64) * (S // 100)
+        rows['speed'] *= 1.0 + 0.01 * rng.standard_normal(count)
+        assert verdict(rows).cleared
+
+
 def test_the_verdict_is_the_same_in_any_blocks() -> None:
     rng = np.random.default_rng(1)
     rows = rows_of(150.0, speed=np.repeat([6.8, 7.4, 7.45, 7.6, 7.7], 300),
