@@ -125,10 +125,7 @@ def _repeats(stamps: NDArray[np.int64]) -> NDArray[Any]:
     keys['stamp'] = stamps
     order = np.argsort(stamps, kind='stable')
     in_order = stamps[order]
-    index = np.arange(stamps.size)
-    new = np.ones(stamps.size, dtype=bool)
-    new[1:] = in_order[1:] != in_order[:-1]
-    keys['repeat'][order] = index - np.maximum.accumulate(np.where(new, index, 0))
+    keys['repeat'][order] = np.arange(stamps.size) - np.searchsorted(in_order, in_order)
     return keys
 
 
