@@ -306,6 +306,9 @@ def _learn_noise(memory: Any, j: int, noise_alone: bool) -> None:
     first = count <= _FIRST * h
     if first:
         quiet = _median(last, now) / _MEDIAN
+        for _ in range(4):  # the error of the tracker is part of it: solved for the rest
+            if quiet > 0.0:
+                quiet *= _median(last / (quiet + off), now) / _MEDIAN
         # What was noise alone over a horizon is not raised by what is not, a kick above all.
         if noise_alone or memory['quiet'][j] == 0.0 or quiet < memory['quiet'][j]:
             memory['quiet'][j] = quiet
