@@ -361,9 +361,7 @@ def _refuse_unknown(section: Mapping[str, Any], where: str) -> None:
     for name in map(str, section):
         if name in _FIELDS or name.split('.')[0] in _OTHERS:
             continue
-        stem = name.rpartition('_')[0]
-        near = [known for known in _FIELDS if stem and known.rpartition('_')[0] == stem]
-        near = near or difflib.get_close_matches(name, _FIELDS, 1) or list(_FIELDS)
+        near = difflib.get_close_matches(name, _FIELDS, 1) or list(_FIELDS)
         unit = _FIELDS[near[0]].metadata['unit'] if len(near) == 1 else ''
         expected = ' or '.join(near) + (f', in {unit}' if unit else '')
         raise ConfigError(f'{where}: {name} is no parameter of a rig, expected {expected}')
