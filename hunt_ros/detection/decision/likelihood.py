@@ -102,9 +102,9 @@ _INCREMENTS = round(2.0 * _MEMORY)
 #: rows, m/s (-1 before one is known); marks since a jump; amplitudes and their standard deviations
 #: (m) at the last marks. Of the noise, by horizon: squared misses of the middle, the part of the
 #: tracker's error in them (m^2) and their speeds (m/s, inf: none), the last one first; how many
-#: marks they are worth; variance of the quiet motion and variance S now (m^2; 0 before it is
-#: known), degrees of freedom; S by mean square (m^2), and the sum of the weights in it. The
-#: statistics by horizon and chain, and their logarithms.
+#: marks they are worth, for how many of those it was noise alone; variance of the quiet motion and
+#: variance S now (m^2; 0 before it is known), degrees of freedom; S by mean square (m^2), and the
+#: sum of the weights in it. The statistics by horizon and chain, and their logarithms.
 LIKELIHOOD: np.dtype[np.void] = np.dtype(
     [
         ('rows', np.int64),
@@ -117,6 +117,7 @@ LIKELIHOOD: np.dtype[np.void] = np.dtype(
         ('error', np.float64, (len(HORIZONS), _INCREMENTS)),
         ('at', np.float64, (len(HORIZONS), _INCREMENTS)),
         ('count', np.float64, (len(HORIZONS),)),
+        ('alone', np.int64, (len(HORIZONS),)),
         ('quiet', np.float64, (len(HORIZONS),)),
         ('noise', np.float64, (len(HORIZONS),)),
         ('freedom', np.float64, (len(HORIZONS),)),
@@ -174,9 +175,13 @@ def intensity(rules: Rules, memory: Any, damping: float) -> tuple[float, float]:
 def excess(rules: Rules, memory: Any) -> float:
     """Return minus the logarithm of the chance that noise alone has the amplitude at the mark."""
     most = 0.0
+    longest = 0
     for j in range(len(HORIZONS)):
         worth = _independent(memory['known'][j], HORIZONS[j])
         most = max(most, _unlikely(rules, memory, j, memory['moved'][j], worth))
+        if j < _TELLING and memory['noise'][j] > 0.0:
+            longest = j
+    for j in range(longest, len(HORIZONS)):
         # Neighbouring increments overlap: half a horizon of them makes up for an independent one.
         freedom = 2.0 / HORIZONS[j] * min(memory['count'][j], 2.0 * _MEMORY)
         if memory['noise'][j] > 0.0:
@@ -309,8 +314,10 @@ def _learn_noise(memory: Any, j: int, noise_alone: bool) -> None:
         for _ in range(4):  # the error of the tracker is part of it: solved for the rest
             if quiet > 0.0:
                 quiet *= _median(last / (quiet + off), now) / _MEDIAN
-        # What was noise alone over a horizon is not raised by what is not, a kick above all.
-        if noise_alone or memory['quiet'][j] == 0.0 or quiet < memory['quiet'][j]:
+        # What was noise alone over a horizon is not raised by what is not, a kick above all. What
+        # dies out smoothly from the start shows too little of the noise: it is no such value.
+        memory['alone'][j] += each * (noise_alone and memory['quiet'][j] > 0.0)
+        if noise_alone or memory['alone'][j] < h or quiet < memory['quiet'][j]:
             memory['quiet'][j] = quiet
     base = memory['quiet'][j] + (_WANDER * a[0]) ** 2
     if not base > 0.0:

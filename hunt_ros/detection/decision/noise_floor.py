@@ -70,11 +70,13 @@ def learn(
     if memory['recent'] < _FALLEN * memory['square']:
         memory['square'] += rules.stride / _RECENT_S * (memory['recent'] - memory['square'])
     limit = _LOUD * memory['square']
+    quiet = a * a <= limit
     if not (a * a > memory['square'] and (not basin or ratios['growth'] > some)):
         memory['learnt'] = min(memory['learnt'], likelihood.rows_near(rules, ratios)) + 1.0
         weight = max(0.0 if dying else 1.0 / memory['learnt'], rules.stride / _FLOOR_S)
         memory['square'] += weight * (min(a * a, limit) - memory['square'])
-    memory['intensity'], memory['spread'] = likelihood.intensity(rules, ratios, -growth)
+    if quiet:
+        memory['intensity'], memory['spread'] = likelihood.intensity(rules, ratios, -growth)
 
 
 @compiled_part

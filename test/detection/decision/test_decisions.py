@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from decided import ROWS, decided, noise
+from decided import decided
 
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.decision import decisions, states
@@ -104,13 +104,3 @@ def test_a_limit_cycle_of_a_few_noise_floors_is_found() -> None:
     speed, z = _paths(form, 0.9 * form.critical_speed, 1.05 * form.critical_speed, 100.0, 12e-6)
     hunting = np.array([np.isin(_states(form, speed, path), HUNTING) for path in z.T])
     assert hunting[:, hunting.shape[1] // 2 :].mean() > 0.95
-
-
-def test_a_cycle_from_the_start_is_found_while_the_tracker_finds_its_amplitude_out() -> None:
-    found = []
-    for seed in range(4):
-        std = 4e-4 * np.exp(-np.arange(40 * ROWS) / ROWS / 3.0) + 8e-6
-        off = 0.5 * std * noise(40.0, 3.0, 1.0, seed).real + noise(40.0, rms=4e-6, seed=50).real
-        state = decided(np.abs(4e-4 + off), std=std)['state']
-        found.append(int(np.argmax(state == State.LIMIT_CYCLE)) / ROWS or math.inf)
-    assert max(found) < 16.0
