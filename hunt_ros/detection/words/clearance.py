@@ -243,8 +243,8 @@ class Clearances:
         self, seconds: Sequence[_Second], forecast_high_mps: float = math.nan
     ) -> Clearance:
         """Judge the last seconds of the hold, at least one."""
-        # Of its last second: the hold may have begun with the end of a ramp.
-        held_s, speed = self._held_s, seconds[-1].speed
+        # The hold may have begun with the end of a ramp, and end with the beginning of the next.
+        held_s, speed = self._held_s, float(np.median([one.speed for one in seconds]))
         trouble = next((one.trouble for one in reversed(seconds) if one.trouble), '')
         # Form and forecast contradict each other: then neither number is known.
         below = forecast_high_mps < speed
