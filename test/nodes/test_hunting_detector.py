@@ -11,7 +11,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from made import PAPER
 from processes import Wheelset, joint
 from rcl_interfaces.msg import Log
-from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -53,8 +52,7 @@ def test_an_alarm_lasts_while_settings_change_and_is_acknowledged(
     graph.spin_until(lambda: any(failed in each.message for m in health for each in m.status))
     node._diagnostics.done('criteria and forecast')
 
-    (result,) = node.set_parameters([Parameter('critical_speed_mps', value=7.0)])
-    assert result.successful
+    assert not graph.set_parameters('hunting_detector', critical_speed_mps=7.0)
     graph.spin_until(lambda: statuses.last['region'] == 'unstable')
     assert statuses.last['alarm'] == 'True'
     assert statuses.last['state'] == 'limit_cycle'
