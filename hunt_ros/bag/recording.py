@@ -271,9 +271,8 @@ class Recording:
             if self._begun_ns is None:
                 self._begun_ns = log_ns
             most, most_ns = self.limits.split_mib * _MEBIBYTE, self.limits.split_s * NANOSECONDS
-            long = (
-                abs(log_ns - self._begun_ns) >= most_ns > 0.0
-            )  # or its clock was set back so far
+            # As long, or its clock was set back so far.
+            long = abs(log_ns - self._begun_ns) >= most_ns > 0.0
             if long or self._bag.file_bytes >= most > 0.0:
                 self._go_on(self._bag)
 
