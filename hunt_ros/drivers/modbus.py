@@ -64,9 +64,9 @@ _CONNECT_S = 1.0
 _NONE = -1
 #: Round trips among which the shortest is looked for.
 _ROUND_TRIPS = 64
-#: The set point is read back so often, s; another one so often in a row is that of another master.
-#: A drive may show one of the last ones (20 are a second).
-_LOOK_S, _CONTRARY, _WRITTEN = 0.1, 2, 20
+#: A set point that is none of the last ones (20 are a second, and a drive may show one of them) is
+#: another master's where it is read back so often in a row.
+_CONTRARY, _WRITTEN = 2, 20
 #: The speed is the slope of the angle over so long, s.
 _SLOPE_S = 0.1
 
@@ -410,7 +410,7 @@ class Drive(_Polled, DriveDriver):
         self._counter = Counter(16 * self._encoder.words)
         self._angles: deque[tuple[int, float]] = deque()
         self._written: deque[list[int]] = deque(maxlen=_WRITTEN)
-        self._looked_s, self._contrary, self._foreign_mps = -math.inf, 0, math.nan
+        self._contrary, self._foreign_mps = 0, math.nan
 
     def read(self, timeout_s: float) -> DriveBlock:
         """Poll once; raises DriverError when the drive is lost or refuses."""
@@ -429,7 +429,6 @@ class Drive(_Polled, DriveDriver):
                 speed_mps = self._slope_mps(sampled_ns, angle_rad)
                 if math.isnan(speed_mps):
                     return DriveBlock()
-        self._read_back()
         stamps_ns = np.array([sampled_ns + host_less_steady_ns()])
         angles, speeds = np.array([angle_rad]), np.array([speed_mps])
         return DriveBlock(stamps_ns, angles, speeds, self._foreign_mps)
@@ -437,15 +436,19 @@ class Drive(_Polled, DriveDriver):
     def set_speed(self, speed_mps: float) -> None:
         """Write the set point; raises DriverError if it does not fit or is not taken."""
         number = speed_mps / self.settings.speed_scale_mps
+        self._read_back()
         self._written.append(self._target.encode(number))  # also one that is not answered
         self._link.write(self._target, number)
 
     def _read_back(self) -> None:
-        """Look now and then whether the drive holds the set point that was written last."""
-        now_s = time.monotonic()
-        if not self._written or now_s - self._looked_s < _LOOK_S:
+        """
+        Look whether the drive still holds a set point of this driver.
+
+        To be done before another one is written: right after it, what a second master at the same
+        pace writes is not to be seen.
+        """
+        if not self._written:
             return
-        self._looked_s = now_s
         try:
             held = self._link.read(self._target)
         except _BusyError:

@@ -341,28 +341,28 @@ def test_a_clock_that_is_set_does_not_change_the_speed_of_an_encoder(
 
 
 def test_a_second_master_is_found_by_reading_the_set_point_back(modbus_server, machine) -> None:
-    drive = _drive(modbus_server, speed_register=40, actual_register=50)
+    def foreign(write: float, other: int | None, read_first: bool = False) -> set[float]:
+        drive = _drive(modbus_server, speed_register=40, actual_register=50)
+        read, found = drive._link.read, set()
 
-    def foreign(write: float, other: int | None) -> set[float]:
-        found = set()
+        def busy(register: Register) -> list[int]:
+            if register.address != 40:
+                return read(register)
+            drive._link.read = read
+            raise _BusyError('device busy')
+
+        drive._link.read = busy  # it is looked again
         deadline = machine.deadline(1.0)
         while not deadline.passed and len(found) < 2:
             drive.set_speed(write)
+            block = drive.read(0.5) if read_first else None
             modbus_server.put(40, round(100 * write) if other is None else other)
-            block = drive.read(0.5)
+            block = block or drive.read(0.5)
             if block.stamps_ns.size:
                 found.add(block.foreign_mps)
+        drive.close()
         return {x for x in found if not math.isnan(x)}
 
     assert foreign(5.0, None) == set()
-    read = drive._link.read
-
-    def busy(register: Register) -> list[int]:
-        if register.address != 40:
-            return read(register)
-        drive._link.read = read
-        raise _BusyError('device busy')
-
-    drive._link.read = busy  # it is looked again
     assert foreign(5.0, 750) == {7.5}
-    drive.close()
+    assert foreign(5.0, 530, read_first=True) == {5.3}, 'between a reading and the next set point'
