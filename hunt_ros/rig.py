@@ -41,6 +41,9 @@ _OTHERS = ('use_sim_time', 'qos_overrides', 'normal_form')
 #: Unit of speeds that people read -> how many of it are 1 m/s.
 SPEED_UNITS = {'m/s': 1.0, 'km/h': 3.6}
 
+#: Where `drive_watchdog_s` is not given.
+UNSTOPPED = 'the roller runs on where this machine dies: no drive_watchdog_s in the rig file'
+
 _EITHER = ' or '.join(DISPLACEMENTS)
 
 
@@ -152,6 +155,11 @@ class Rig(Settings):
         ' where that is lower (.inf: there, and to a stop while no v_n is known)',
         unit='m/s',
         low=0.0,
+    )
+    drive_watchdog_s: float = _known(
+        'the drive stops the roller by itself where nothing has been sent to it for so long'
+        ' (0: it does not, or that is not known)',
+        's',
     )
 
     def __post_init__(self) -> None:

@@ -65,7 +65,7 @@ class Finding:
     ----------
     check : str
         'rate', 'jitter', 'gaps', 'noise', 'resolution', 'range', 'unit', 'clock', 'encoder',
-        'diameter', 'speed', 'filter', 'publishers', 'damage', 'disk', 'alarm'.
+        'diameter', 'speed', 'filter', 'publishers', 'damage', 'disk', 'alarm', 'drive'.
     channel : str
         Of the rig; '' where it is none.
     state : str

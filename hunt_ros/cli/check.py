@@ -26,7 +26,7 @@ from hunt_ros.errors import ConfigError
 from hunt_ros.estimation.textbook import compared_amplitudes
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.identification.record.stops import without_stops
-from hunt_ros.rig import Rig
+from hunt_ros.rig import UNSTOPPED, Rig
 from hunt_ros.samples import CHANNELS, Record, Series, known
 from hunt_ros.sensors import DISPLACEMENTS, lacking
 
@@ -64,7 +64,8 @@ def run(arguments: argparse.Namespace) -> int:
         heard = _listen(arguments, rig)
         record, arrivals = _live(heard)
         findings = [*_publishers(heard, rig), *check_rig(record, arrivals, rig)]
-        findings += [_disk(record, options.recordings_of(arguments)), _alarm(arguments)]
+        findings += [_disk(record, options.recordings_of(arguments))]
+        findings += [_alarm(arguments), _watchdog(rig)]
     record = replace(record, channels=evened(record)[0])
     findings += [*_damage(record), *_units(record), *_stops(record), *_filters(record, rig)]
     failed = sum(finding.state == FAIL for finding in findings)
@@ -206,6 +207,15 @@ def _alarm(arguments: argparse.Namespace) -> Finding:
         return Finding('alarm', '', OK, f'an alarm calls by {" and ".join(named)}', '')
     advice = 'name a sound, a command or a relay_coil in the section alarm_outputs of the rig file'
     return Finding('alarm', '', WARN, 'an alarm calls nobody', advice)
+
+
+def _watchdog(rig: Rig) -> Finding:
+    """Return what stops the roller where the machine dies."""
+    after_s = rig.drive_watchdog_s
+    if after_s:
+        return Finding('drive', '', OK, f'the drive stops by itself after {after_s:g} s', '')
+    advice = "set the drive's own watchdog, pull its cable once, and name drive_watchdog_s"
+    return Finding('drive', '', WARN, UNSTOPPED, advice)
 
 
 def _lines(findings: list[Finding]) -> str:

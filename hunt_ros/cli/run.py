@@ -20,6 +20,7 @@ from hunt_ros.cli.support.view import View
 from hunt_ros.drivers.safety_state import state_file
 from hunt_ros.dynamics.identified import NEWEST_FILE
 from hunt_ros.errors import ConfigError
+from hunt_ros.rig import UNSTOPPED
 from hunt_ros.services import SERVICES
 from hunt_ros.suite import (
     ALARM_OUTPUTS,
@@ -118,6 +119,8 @@ def run(arguments: argparse.Namespace) -> int:
                 view.say(
                     f'an alarm calls by {" and ".join(alarms)}; tested last: {_tested(tested)}'
                 )
+            if DRIVE in names and arguments.rig and not rig.drive_watchdog_s:
+                view.say(UNSTOPPED)
             words = [word for word, service in SERVICES.items() if service.node in names]
             view.say(f'from another terminal: hunt call {" | ".join(words)}')
             ends = math.inf if arguments.duration is None else began + arguments.duration

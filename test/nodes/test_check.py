@@ -46,4 +46,5 @@ def test_live_topics_two_publishers_and_a_clock_that_is_behind(graph) -> None:
     assert states['clock', 'speed']['value'] >= 1.0
     assert states['disk', '']['value'] > 0.0
     assert states['alarm', '']['state'] == 'warn', 'the rig file names no output'
+    assert states['drive', '']['state'] == 'warn', 'nothing says that it stops by itself'
     other.destroy_node()
