@@ -39,11 +39,9 @@ _SETTLED_S = 3.0
 #: falls by 0.36 1/s. A limit cycle that follows the falling speed shrinks by less, and neither a
 #: kick nor a spike of an estimate is long enough to count.
 _DIES, _STATUSES = 0.7, 40
-#: What is so many times as large as the quiet motion is none, though a detector that cannot trust
-#: its inputs does not say what it is.
-_GROWN = 10.0
-#: What was seen to move moves until it is no larger than so many quiet motions.
-_ENDED = 3.0
+#: What is larger than so many quiet motions is none, though a detector that cannot trust its
+#: inputs does not say what it is; and what was seen to move moves until it is no larger.
+_QUIET = 3.0
 #: The set point leads the roller by so much on its way down from a refuted safe speed, m/s.
 _LEAD_MPS = 0.5
 
@@ -326,12 +324,12 @@ class Interlock:
         blind = any(each.code in BLIND for each in troubles)
         seen = next((each.words for each in troubles if each.code in _SEEN), '')
         amplitude_m = self.heard.largest_m
-        if blind and amplitude_m > _GROWN * self.heard.quiet_m:
+        if blind and amplitude_m > _QUIET * self.heard.quiet_m:
             seen = seen or f'the amplitude was {1e3 * amplitude_m:.3f} mm at last'
         # What was seen lasts until its end is seen. Silence is none, nor is what a detector says
         # of the motion: a wrong form calls a limit cycle dying, and one that has just come back
         # has not decided yet.
-        ended = not blind and amplitude_m <= _ENDED * self.heard.quiet_m
+        ended = not blind and amplitude_m <= _QUIET * self.heard.quiet_m
         self.moving = bool(seen) or (self.moving and not ended)
         # A detector that is blind sees nothing die.
         before_m = median(self._amplitudes) if self._amplitudes else math.nan
