@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.drivers.simulated import Channel
 from hunt_ros.drivers.simulator_server import SimulatorServer
-from hunt_ros.dynamics.parameters import RigParameters
+from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import RollerRig, Roughness, SensorModel, SimulationSettings
 
 #: Of both sensors, and twice that of the drive.
@@ -34,6 +34,8 @@ _BLOCK_S = 0.01
 _STEP_NS = round(1e9 / RATE_HZ)
 #: A pause of the machine that is longer is let go of, s: the stamps jump.
 _MOST_BEHIND_S = 0.5
+#: The limit cycle is followed down by this, m/s.
+_STEP_MPS = 0.05
 _NOISE = {Channel.LATERAL: 5e-6, Channel.YAW: 2e-5}
 
 
@@ -52,19 +54,15 @@ def settings(speed_mps: float, quiet: bool = False) -> SimulationSettings:
 
 
 def true_limits() -> tuple[float, float]:
-    """Return v_n, m/s, and the amplitude of the limit cycle above it, m: tried on the rig."""
-
-    def lasts(speed_mps: float) -> float:
-        rig = RollerRig(RigParameters(), settings(speed_mps, quiet=True))
-        rig.kick(lateral_m=2e-3)
-        rig.advance(round(60.0 * RATE_HZ))
-        return float(np.abs(rig.advance(round(2.0 * RATE_HZ)).true_lateral).max())
-
-    low, high = 5.0, 7.5
-    while high - low > 0.02:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if lasts(middle) > 1e-4 else (middle, high)
-    return high, lasts(high)
+    """Return v_n, m/s, and the amplitude above it, m: the limit cycle followed down to its end."""
+    rig = RollerRig(paper_rig(), settings(8.0, quiet=True))
+    rig.kick(lateral_m=2e-3)
+    amplitude, moved = 0.0, math.inf
+    while moved > 1e-4:
+        rig.advance(round(20.0 * RATE_HZ))
+        amplitude, moved = moved, float(np.abs(rig.advance(round(RATE_HZ)).true_lateral).max())
+        rig.target_speed -= _STEP_MPS
+    return rig.target_speed + 2.0 * _STEP_MPS, amplitude
 
 
 class Cable:
@@ -98,7 +96,7 @@ class Rig:
     """The rig, obeying drivers and the director of the scenario."""
 
     def __init__(self, port: int, seed: int, speed_mps: float) -> None:
-        self._rig = RollerRig(RigParameters(), settings(speed_mps), seed)
+        self._rig = RollerRig(paper_rig(), settings(speed_mps), seed)
         self._server = SimulatorServer('127.0.0.1', port)
         self._random = np.random.default_rng(seed)
         self._cables = {channel: Cable() for channel in Channel}
