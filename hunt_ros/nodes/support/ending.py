@@ -93,6 +93,8 @@ class Ending:
         if patient:  # it is closing
             self._unsafe_s = 0.0
         self._until_s = time.monotonic() + within_s
+        # The middleware may hang with the lock of Python, which the thread here needs.
+        signal.setitimer(signal.ITIMER_REAL, within_s + _NOTICE_S)
 
     def leave(self, code: int) -> NoReturn:
         """End the process without waiting for threads of the middleware and of compilers."""
