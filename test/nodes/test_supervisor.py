@@ -413,7 +413,9 @@ def test_a_guard_that_is_killed_on_the_way_to_the_safe_speed_gets_there(
 
 
 def test_a_rig_file_that_is_spoilt_while_it_runs_keeps_no_guard_away(run, graph) -> None:
-    """Nor does a profile."""
+    """Nor does a profile, nor a disk that takes no log."""
+    (graph.folder / 'recordings').mkdir()
+    (graph.folder / 'recordings' / 'logs').write_text('no folder')
     rig = run()
     rig.start()
     for path in (graph.folder / 'rig.yaml', graph.folder / 'profile.yaml'):

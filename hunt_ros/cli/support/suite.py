@@ -112,12 +112,11 @@ def start_nodes(
         True for all but the guards in one process, which takes less memory and less CPU.
     """
     # A file, for one on a command line does not win over the section of its node in another file.
-    own = supervisor.logs / f'{names[0]}.yaml'
     sections = {
         f'/**/{name}': {'ros__parameters': {**common, **parameters.get(name, {})}}
         for name in names
     }
-    own.write_text(json.dumps(sections), encoding='utf-8')
+    own = supervisor.in_memory(f'{names[0]}.yaml', json.dumps(sections).encode())
     alone = [name for name in names if name in GUARDS] if one_process else names
     for name in alone:
         supervisor.start(NodeSpec(name, {}, [*files, own]))

@@ -171,7 +171,7 @@ class Supervisor:
         self._keep = keep
         self._alarms = alarms
         self._told: Queue[str] = Queue()  # what came of calls
-        self._files: dict[Path, IO[bytes]] = {}  # parameter files as they were at the start
+        self._files: list[IO[bytes]] = []  # parameter files as they were at the start
         self.environment = dict(os.environ)
         if private:
             self._claim = socket.socket(socket.AF_UNIX)
@@ -187,9 +187,7 @@ class Supervisor:
     @cached_property
     def logs(self) -> Path:
         """Folder with the logs of this run; those of other runs stay."""
-        path = self._log_directory / f'{datetime.now():%Y%m%d_%H%M%S_%f}'
-        path.mkdir(parents=True)
-        return path
+        return self._log_directory / f'{datetime.now():%Y%m%d_%H%M%S_%f}'
 
     def start(
         self,
@@ -214,18 +212,19 @@ class Supervisor:
         self._interrupt()
         child = self._children[spec.module] = _Child(spec, attach)
         self._launch(child)
-        child.spec = replace(spec, parameter_files=[self._kept(p) for p in spec.parameter_files])
+        kept = [self.in_memory(path.name, path.read_bytes()) for path in spec.parameter_files]
+        child.spec = replace(spec, parameter_files=kept)
 
-    def _kept(self, path: Path) -> Path:
-        """Return a copy of a file: what is edited or deleted while a rig runs ends no guard."""
+    def in_memory(self, name: str, content: bytes) -> Path:
+        """Return a file that no full disk, nor who edits or deletes one, takes from a guard."""
         if sys.platform != 'linux':
-            return path
-        if path not in self._files:
-            copy = os.fdopen(os.memfd_create(path.name), 'wb')
-            copy.write(path.read_bytes())
-            copy.flush()
-            self._files[path] = copy
-        return Path(f'/proc/{os.getpid()}/fd/{self._files[path].fileno()}')
+            self.logs.mkdir(parents=True, exist_ok=True)
+            (self.logs / name).write_bytes(content)
+            return self.logs / name
+        self._files.append(os.fdopen(os.memfd_create(name), 'wb'))
+        self._files[-1].write(content)
+        self._files[-1].flush()
+        return Path(f'/proc/{os.getpid()}/fd/{self._files[-1].fileno()}')
 
     def _launch(self, child: _Child) -> None:
         spec = child.spec

@@ -74,7 +74,8 @@ class Ending:
 
     def say(self, text: str) -> None:
         """Say to the operator what the node is doing."""
-        print(f'{self._name}: {text}', file=sys.stderr, flush=True)
+        with suppress(OSError):  # a full disk
+            print(f'{self._name}: {text}', file=sys.stderr, flush=True)
 
     def grant(self, doing: str, within_s: float, patient: bool = True) -> None:
         """

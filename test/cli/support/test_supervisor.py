@@ -19,7 +19,7 @@ def test_the_logs_of_another_run_are_not_overwritten(tmp_path: Path) -> None:
     runs = [Supervisor('rig', tmp_path / 'logs', private=True) for _ in range(3)]
     folders = {run.logs for run in runs}
     assert len(folders) == 3
-    assert all(folder.is_dir() and folder.parent == tmp_path / 'logs' for folder in folders)
+    assert all(folder.parent == tmp_path / 'logs' for folder in folders)
 
 
 def test_two_simulated_rigs_on_one_machine_do_not_share_a_port(
@@ -42,20 +42,25 @@ def test_two_simulated_rigs_on_one_machine_do_not_share_a_port(
 
 
 def test_recordings_go_where_the_option_says_else_where_the_rig_file_does(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A section of a node in the rig file once won over the option: no recording in its folder."""
     pytest.importorskip('rclpy', reason='the extra ros is not installed')
-    started: list[NodeSpec] = []
-    monkeypatch.setattr(supervisor.Supervisor, 'start', lambda _, spec, *__: started.append(spec))
+    started: list[tuple[NodeSpec, str]] = []
+
+    def start(run: Supervisor, spec: NodeSpec, *rest: object) -> None:
+        if spec.module == 'bag_recorder':
+            started.append((spec, spec.parameter_files[-1].read_text()))
+
+    monkeypatch.setattr(supervisor.Supervisor, 'start', start)
     file, told, asked = tmp_path / 'rig.yaml', tmp_path / 'told', tmp_path / 'asked'
     file.write_text(f'/**/bag_recorder: {{ros__parameters: {{directory: {told}}}}}')
     words = ['run', '--listen', '--duration', '1e-9', '--rig', str(file)]
     for given, folder in (([], told), (['--directory', str(asked)], asked)):
         started.clear()
         assert main([*words, *given]) == 0
-        (recorder,) = (spec for spec in started if spec.module == 'bag_recorder')
+        ((recorder, told_it),) = started
         assert [recorder.parameter_files[0], recorder.parameters] == [file, {}]
-        own = json.loads(recorder.parameter_files[-1].read_text())
+        own = json.loads(told_it)
         assert own['/**/bag_recorder']['ros__parameters']['directory'] == str(folder)
-        assert (folder / 'logs').is_dir()
+        assert f'logs in {folder / "logs"}' in capsys.readouterr().out
