@@ -67,6 +67,9 @@ class SqliteFile:
             self.problems.append(str(self._damage(error)))
 
     def _read_topics(self) -> list[Topic]:
+        ((page,),) = self._base.execute('PRAGMA page_size')
+        if os.path.getsize(self.path) % page:  # SQLite takes what is missing of a page for zeros
+            raise ValueError('its last page is cut')
         tables = {row[0] for row in self._base.execute('SELECT name FROM sqlite_master')}
         if not {'topics', 'messages'} <= tables:
             raise BagError(f'{self.path}: no topics and messages in it, expected a rosbag2 file')

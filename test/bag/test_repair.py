@@ -151,6 +151,15 @@ def test_a_damaged_sqlite_bag_is_left_to_sqlite(tmp_path: Path) -> None:
     assert not (tmp_path / 'saved').exists()
 
 
+@pytest.mark.parametrize('missing', [20, 500, 4096, 100_000])
+def test_an_sqlite_bag_that_was_cut_is_never_read_to_zeros(tmp_path: Path, missing: int) -> None:
+    lateral = Record({'lateral': make_record(seconds=20.0)['lateral']})
+    file = write_rosbags(tmp_path / 'peer', lateral)
+    file.write_bytes(file.read_bytes()[:-missing])
+    with pytest.raises(BagError, match=r'SQLite.*sqlite3 FILE \.recover'):
+        read_record(file)
+
+
 def active_copy(small: Path, tmp_path: Path, share: float = 0.9) -> Path:
     """Leave a recording as a recorder does that is killed at a share of it."""
     active = tmp_path / 'run.active'
