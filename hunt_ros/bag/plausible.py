@@ -12,6 +12,8 @@ from hunt_ros.sensors import SENSORS
 
 #: A motion is looked at so long, s, and over so many values at least.
 _WINDOW_S, _FEWEST = 1.0, 50
+#: No sensor measures less, whatever its unit: where all is less, its bytes are of another type.
+_LEAST = 1e-20
 #: A step of the roller that is so near to a turn is a wrap, rad.
 _NEAR_TURN = 0.1
 #: Largest usual value of a channel, its unit, and a factor that makes SI of the unit it may have
@@ -44,6 +46,8 @@ def wrong_unit(channel: str, series: Series, usual_most: float = math.inf) -> st
     if channel not in LARGEST or not values.size:
         return ''
     most, unit, factor = LARGEST[channel]
+    if 0.0 < (peak := float(np.abs(values).max())) < _LEAST:
+        return f'channel {channel} is {peak:.2g} {unit} at most: of another type than it says?'
     most = min(most, usual_most)
     span_s = float(np.ptp(series.stamps_ns[finite])) / NANOSECONDS
     count = min(max(1, round(span_s / _WINDOW_S)), max(1, values.size // _FEWEST))

@@ -67,7 +67,9 @@ def run(arguments: argparse.Namespace) -> int:
         findings += [_disk(record, options.recordings_of(arguments))]
         findings += [_alarm(arguments), _watchdog(rig)]
     record = replace(record, channels=evened(record)[0])
-    findings += [*_damage(record), *_units(record), *_stops(record), *_filters(record, rig)]
+    findings += [*_damage(record), *(units := _units(record)), *_stops(record)]
+    if all(one.state != FAIL for one in units):  # else its numbers are none of a rig
+        findings += _filters(record, rig)
     failed = sum(finding.state == FAIL for finding in findings)
     document = {
         'source': str(arguments.bag) if arguments.bag else f'/{arguments.namespace or "rig"}',

@@ -283,6 +283,20 @@ def test_a_recording_in_millimetres_is_neither_sound_nor_judged(
     assert main(['replay', str(bag), *scaled]) == 0
 
 
+def test_numbers_that_are_the_bytes_of_another_type_are_named(refused, tmp_path, capsys) -> None:
+    """The recorder that writes a JointState under the name of a Float64."""
+    noise = np.abs(np.random.default_rng(0).normal(size=3000))
+    record = record_of(
+        1.0 + np.arange(3000) / 100.0, lateral=1e-23 * noise, yaw=5e-324, speed=1e-313
+    )
+    bag = write_record(tmp_path / 'bytes', record)
+    for verb in ('replay', 'identify'):
+        assert 'm at most: of another type than it says?' in refused(f'{verb} FILE', FILE=bag)
+    capsys.readouterr()
+    assert main(['check', str(bag)]) == 1
+    assert 'speed unit' in capsys.readouterr().out
+
+
 @pytest.mark.parametrize('wraps', [False, True])
 def test_a_roller_in_degrees_is_not_taken_for_one_in_radians(refused, tmp_path, wraps) -> None:
     times = 1.0 + np.arange(1000) / 100.0

@@ -89,7 +89,8 @@ def load_record(
     try:
         series, mapping = _channels(table, mapping, rate_hz, time)
     except BagError as error:
-        raise BagError(f'{path}: {error}') from error
+        taken = table.encoding and f'; its names are no UTF-8, and were read as {table.encoding}'
+        raise BagError(f'{path}: {error}{taken}') from error
     told = {'units_assumed': _assumed(table, mapping), 'left_out': table.left_out}
     told['clock'] = table.clock
     notes = {'source': Path(path).name} | {name: text for name, text in told.items() if text}

@@ -37,13 +37,15 @@ class Table(dict[str, Any]):
         What of the file was not taken; '' where all was.
     clock : str
         What was made of times that several samples share; '' where none do.
+    encoding : str
+        That its names were taken for, where it is not told; '' else.
     """
 
     def __init__(self, content: Mapping[str, Any] | None = None) -> None:
         super().__init__(content or {})
         self.units: dict[str, str] = {}
         self.stamps_ns: dict[str, NDArray[np.int64]] = {}
-        self.left_out = self.clock = ''
+        self.left_out = self.clock = self.encoding = ''
 
 
 _STEP = re.compile(r'\.?([^.\[\]]+)|\[([^\[\]]*)\]')
@@ -57,6 +59,8 @@ _GROUPED = re.compile(r'[+-]?\d{1,3}(?:(?:,\d{3})+\.|(?:\.\d{3})+,)\d*')
 _ONE_MARK = re.compile(r'[+-]?\d*([.,])\d*(?:[eE][+-]?\d+)?')
 #: A number, which may have a decimal comma.
 _DECIMAL_COMMA = re.compile(r'[+-]?\d+(?:,\d+)?(?:[eE][+-]?\d+)?')
+#: A cell with nothing in it, and what stands for it: of any kind of numbers, and none of a sensor.
+_EMPTY, _HOLE = re.compile(r'(^|[;,\t]) *(?![^;,\t])'), np.iinfo(np.int64).min
 #: A date as Germany writes it; a time of day.
 _DAY_FIRST = re.compile(r'^(\d\d?)\.(\d\d?)\.(\d{4})[ T]+(\d\d:.*)$')
 _CLOCK = re.compile(r'^\d\d?:\d\d:\d\d(\.\d*)?$')
@@ -199,7 +203,8 @@ def _shown(table: Any) -> str:
 
 def _read_csv(path: Path) -> Table:
     """Read the columns of a text file by their names, or as c0, c1 ..."""
-    text = _decoded(path.read_bytes()).rstrip('\0')  # where the power failed
+    text, encoding = _decoded(path.read_bytes())
+    text = text.rstrip('\0')  # where the power failed
     lines = text.splitlines()
     # Digits of a last line that does not end may be missing.
     cut = len(lines) if text and text[-1] not in '\r\n' else 0
@@ -250,19 +255,19 @@ def _read_csv(path: Path) -> Table:
         table[name] = BagError(f'the column {name!r} occurs twice, expected unique names')
     table.units = {name: unit for name, unit in zip(names, units, strict=False) if unit}
     table.left_out = f'line {cut}, which does not end' if cut else ''
+    table.encoding = '' if all(map(str.isascii, names)) else encoding
     return table
 
 
-def _decoded(raw: bytes) -> str:
-    """Return a text in one of the encodings that loggers write."""
+def _decoded(raw: bytes) -> tuple[str, str]:
+    """Return a text in one of the encodings that loggers write, and which it is if a guess."""
     if raw[:2] in (b'\xff\xfe', b'\xfe\xff'):
-        return raw.decode('utf-16')
+        return raw.decode('utf-16'), ''
     if b'\0' in raw[:2]:  # UTF-16 that does not say so
-        return raw.decode('utf-16-be' if raw[:1] == b'\0' else 'utf-16-le')
-    try:
-        return raw.decode('utf-8-sig')
-    except UnicodeDecodeError:
-        return raw.decode('latin-1')
+        return raw.decode('utf-16-be' if raw[:1] == b'\0' else 'utf-16-le'), ''
+    with suppress(UnicodeDecodeError):
+        return raw.decode('utf-8-sig'), ''
+    return raw.decode('latin-1'), 'Latin-1'
 
 
 def _name_and_unit(cell: str) -> tuple[str, str]:
@@ -312,14 +317,17 @@ def _columns(
     head = zip(names, _cells(rows[0], delimiter), strict=False)
     whole = [name.endswith('_ns') and cell.strip().isdigit() for name, cell in head]
     kind = np.dtype([(str(i), 'i8' if one else 'f8') for i, one in enumerate(whole)])
-    with suppress(ValueError):  # an empty cell, or a fault: it is said where
-        plain = rows
-        if delimiter != ',' and any(',' in row for row in rows):  # there it cannot separate
-            if any('.' in row for row in rows):
-                raise ValueError('one of them groups thousands')
-            plain = [row.replace(',', '.') for row in rows]
-        table = np.loadtxt(plain, kind, delimiter=delimiter, ndmin=1, comments=None)
-        return dict(zip(names, (table[number] for number in kind.names or ()), strict=True))
+    plain = rows
+    if delimiter != ',' and any(',' in row for row in rows):  # there it cannot separate
+        plain = [row.replace(',', '.') for row in rows]
+    if plain is rows or not any('.' in row for row in rows):  # else one of them groups thousands
+        for holes in (False, True):
+            read = (_EMPTY.sub(rf'\1{_HOLE}', row) for row in plain) if holes else plain
+            with suppress(ValueError):  # a word, a date, or a fault: it is said where
+                table = np.loadtxt(read, kind, delimiter=delimiter, ndmin=1, comments=None)
+                found = [table[number] for number in kind.names or ()]
+                found = [np.ma.masked_equal(one, _HOLE) for one in found] if holes else found
+                return dict(zip(names, found, strict=True))
     columns: list[list[str]] = [[] for _ in names]
     for place, row in zip(places, rows, strict=True):
         cells = _cells(row, delimiter)

@@ -112,6 +112,31 @@ def test_a_remark_is_no_line_of_units_and_a_share_no_number(tmp_path: Path) -> N
         load_record(file)
 
 
+@pytest.mark.parametrize('remark', ['3', 'a word'], ids=['all at once', 'cell by cell'])
+@pytest.mark.parametrize('mark', [',', ';', '\t'])
+def test_an_empty_cell_is_no_sample_of_its_column(tmp_path: Path, mark: str, remark: str) -> None:
+    """Whole nanoseconds keep all their digits beside it, and "nan" is a sample that failed."""
+    rows = [
+        't_ns,lateral,yaw,x,speed',
+        '2000000000000000001,0.001,,3,7',
+        '2000000000000000002,,,3,7',
+    ]
+    rows += ['2000000000000000003,nan, ,3,7', f'2000000000000000004,0.002,0.5,{remark},']
+    (tmp_path / 'a.csv').write_text('\n'.join(rows).replace(',', mark) + '\n')
+    found = load_record(tmp_path / 'a.csv')
+    assert (found['yaw'].stamps_ns % 10).tolist() == [4]
+    assert (found['lateral'].stamps_ns % 10).tolist() == [1, 3, 4]
+    assert (found['speed'].stamps_ns % 10).tolist() == [1, 2, 3]
+    assert np.isnan(found['lateral'].values).tolist() == [False, True, False]
+
+
+def test_names_in_an_unknown_encoding_say_what_they_were_read_as(tmp_path: Path) -> None:
+    text = '時間,横変位\n' + ''.join(f'{row},0.001\n' for row in range(9))
+    (tmp_path / 'a.csv').write_bytes(text.encode('shift_jis'))
+    with pytest.raises(BagError, match='its names are no UTF-8, and were read as Latin-1'):
+        load_record(tmp_path / 'a.csv', ['lateral=横変位'], time='時間')
+
+
 @pytest.mark.parametrize('end', ['2,2.', '2,2.5e-0', '2', '2,2.5\0\0\0'])
 def test_a_last_line_that_was_cut_is_left_out_and_told(tmp_path: Path, capsys, end: str) -> None:
     (tmp_path / 'a.csv').write_text(f't,lateral\n0,0.01\n1,0.02\n{end}')
