@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -17,9 +18,11 @@ from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.qos import MEASUREMENTS, OVERRIDABLE, stream
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.services import spoken
+from hunt_ros.suite import AGAIN
 
-#: Sensor nodes that start together have all begun to publish this long after the first, s.
-_TOGETHER_S = 5.0
+#: Sensor nodes that start together have all begun to publish this long after the first, s; beside
+#: a node that is started again they are there, and it is blind for as long as it waits.
+_TOGETHER_S, _THERE_S = 5.0, 1.0
 #: Words that came longer ago than this do not belong to a call that comes now, s.
 _FRESH_S = 5.0
 
@@ -86,7 +89,7 @@ class Channels:
     Hears the channels of a rig, and hands over their samples.
 
     It begins when all of them are there: a sensor that starts a second after another one is not
-    silent. What is missing `_TOGETHER_S` after the first is not waited for.
+    silent. What is missing `_TOGETHER_S` or `_THERE_S` after the first is not waited for.
 
     Parameters
     ----------
@@ -121,6 +124,7 @@ class Channels:
         }
         self._missed = {name: Missed(node, each.topic_name) for name, each in self._heard.items()}
         self._began_s, self._absent = 0.0, set(self._heard)
+        self._together_s = _THERE_S if AGAIN in os.environ else _TOGETHER_S
 
     @property
     def missed(self) -> int:
@@ -135,7 +139,7 @@ class Channels:
             if list(waiting(subscription)):
                 self._absent.discard(channel)
                 self._began_s = self._began_s or time.monotonic()
-        if self._began_s and time.monotonic() - self._began_s > _TOGETHER_S:
+        if self._began_s and time.monotonic() - self._began_s > self._together_s:
             self._absent.clear()
         return not self._absent
 

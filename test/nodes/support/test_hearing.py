@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import pytest
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from hunt_ros.nodes.support import hearing
 from hunt_ros.nodes.support.hearing import Missed, waiting
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.qos import stream
 from hunt_ros.nodes.support.runtime import cheapest_executor
+from hunt_ros.suite import AGAIN
 
 _MANY = 500
 
@@ -82,3 +85,19 @@ def test_a_full_reader_keeps_the_newest_and_what_is_lost_is_counted(graph, liste
     graph.spin_until(lambda: has_come(4 * _MANY - 1))
     assert numbers == sorted(set(numbers))
     assert missed.count == 4 * _MANY - len(numbers) > 0
+
+
+def test_a_node_that_is_started_again_waits_for_no_sensor_beside_one(graph, monkeypatch) -> None:
+    """Gauntlet 761: it was blind for 10 s, of which 5 s for a sensor that it found late."""
+    monkeypatch.setattr(hearing, '_TOGETHER_S', 1e9)
+    monkeypatch.setenv(AGAIN, '1')
+    node = SuiteNode('detector', alone=False, context=graph.node.context)
+    channels = hearing.Channels(node, ['lateral', 'yaw'])
+    lateral = graph.beside('sensor').create_publisher(JointState, '/lateral', stream(10))
+
+    def begins() -> bool:
+        lateral.publish(JointState(name=['lateral'], position=[0.0]))
+        return channels.begun()
+
+    graph.spin_until(begins)
+    node.destroy_node()
