@@ -11,9 +11,8 @@ import math
 import os
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -156,8 +155,8 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         for name, action in (
             ('rearm', self._rearm),
             ('stop_profile', self._guard.stop),
-            ('start_profile', partial(self._set_off, self._guard.start)),
-            ('resume_profile', partial(self._set_off, self._guard.resume)),
+            ('start_profile', lambda: _done(self._guard.start(self._steady_ns()))),
+            ('resume_profile', lambda: _done(self._guard.resume(self._steady_ns()))),
             ('shelve_alarm', lambda: self._guard.shelve(shelve_words.take())),
         ):
             offer(self, f'speed/{name}', action)
@@ -347,10 +346,6 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             self._note = note
             if note:
                 self.get_logger().info(f'profile: {note}')
-
-    def _set_off(self, act: Callable[[int], str]) -> str:
-        """Start or resume the profile."""
-        return _done(act(self._steady_ns()))
 
     def _emergency_stop(self) -> str:
         """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, Field, dataclass, fields, replace
+from dataclasses import Field, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -75,8 +75,6 @@ def declare(
     """
     values = {}
     for item in fields(kind):
-        if item.default is MISSING:
-            raise TypeError(f'{kind.__name__}.{item.name} has no default')
         descriptor = _descriptor(item, live=follow is not None)
         default = item.default
         if isinstance(default, tuple):
