@@ -34,7 +34,6 @@ from hunt_ros.suite import (
 
 EXAMPLE = 'hunt run --simulated --normal-form bags/paper.yaml --duration 60'
 
-_LOOK_S = 1.0
 #: The roller is where it is safe within this, m/s, as the speed node tells at its end.
 _THERE_MPS = 0.05
 #: DDS gives a domain its ports, and there are no more.
@@ -125,9 +124,8 @@ def run(arguments: argparse.Namespace) -> int:
             view.say(f'from another terminal: hunt call {" | ".join(words)}')
             ends = math.inf if arguments.duration is None else began + arguments.duration
             with console:
-                while (left_s := ends - time.monotonic()) > 0.0:
-                    for _ in console.lines(min(left_s, _LOOK_S)):
-                        pass
+                for _ in console.lines(ends - time.monotonic()):
+                    pass
         except KeyboardInterrupt:
             pass  # a wanted end, as the duration is
         finally:

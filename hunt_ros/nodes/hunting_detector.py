@@ -248,9 +248,8 @@ class HuntingDetectorNode(SuiteNode):
             'dropped': sum(status.dropped.values()),
         }
         values |= {f'clock_offset_s {name}': x for name, x in status.clock_offsets_s.items()}
-        forecast = self._companions.forecast
-        if forecast is not None:
-            v_c = self._forecast()
+        if (forecast := self._companions.forecast) is not None:
+            v_c = forecast.critical_speed
             values['forecast_v_c'] = forecast.reason if v_c is None else f'{v_c.value:.3f}'
             values['forecast_v_c_std'] = math.nan if v_c is None else v_c.std
         unreadable = self._new('unreadable', self._inbox.unreadable)

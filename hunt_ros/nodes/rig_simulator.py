@@ -171,7 +171,6 @@ class RigSimulatorNode(SuiteNode):
         self._origin_ns = _FIRST_STAMP_NS
         self._samples = 0
         self._behind_s = 0.0  # real time
-        self._pending_kicks: list[float] = []
         offer(self, 'simulator/kick', self._on_kick)
         self.work('simulation', self._simulate)
 
@@ -247,12 +246,10 @@ class RigSimulatorNode(SuiteNode):
         """Kick where the plan, or a service, says so."""
         elapsed_s = self._samples / self._config.sample_rate_hz
         while self._kicks and self._kicks[0][0] <= elapsed_s:
-            self._pending_kicks.append(self._kicks.pop(0)[1])
-        while self._pending_kicks:
-            self._rig.kick(self._pending_kicks.pop(0))
+            self._rig.kick(self._kicks.pop(0)[1])
 
     def _on_kick(self) -> str:
-        self._pending_kicks.append(self._config.kick_m)
+        self._kicks.insert(0, (0.0, self._config.kick_m))  # due at once
         return 'the wheelset was hit'
 
     def _health(self) -> Health:
