@@ -205,7 +205,7 @@ def _read_csv(path: Path) -> Table:
     """Read the columns of a text file by their names, or as c0, c1 ..."""
     text, encoding = _decoded(path.read_bytes())
     text = text.rstrip('\0')  # where the power failed
-    lines = text.splitlines()
+    lines = re.split('\r\n?|\n', text)  # other signs of a new line may stand in a remark
     # Digits of a last line that does not end may be missing.
     cut = len(lines) if text and text[-1] not in '\r\n' else 0
     lines = lines[: cut - 1] if cut else lines

@@ -78,6 +78,8 @@ def test_matlab_structures_are_followed(tmp_path: Path) -> None:
         ('measured today\n# t lateral\n0 0.01\n0.5 0.02\n', []),
         ('measured by me\nt lateral\n0 0.01\n0.5 0.02\n', []),
         ('t,lateral,remark,ok\n0,0.01,start,TRUE\n0.5,0.02,,FALSE\n', []),
+        ('t,lateral,remark\r\n0,0.01,a\x85b\r\n0.5,0.02,c\u2028d\r\n', []),
+        ('t,lateral\r0,0.01\r0.5,0.02\r', []),
         # A constant leaves the columns that are found by name.
         ('t,lateral,speed_setpoint\n0,0.01,9\n0.5,0.02,9\n', ['speed=5']),
         ('1,10\n2,20\n', ['lateral=c1*0.001']),  # without names its columns are counted
