@@ -222,7 +222,7 @@ def _leading(value: float) -> int:
 def _at(value: float, place: int) -> Decimal:
     """`value` rounded at a decimal place given as a power of ten."""
     unit = Decimal(1).scaleb(place)
-    return (Decimal(repr(float(value))) / unit).quantize(Decimal(1), ROUND_HALF_EVEN) * unit
+    return (Decimal(repr(float(value))) / unit).to_integral_value(ROUND_HALF_EVEN) * unit
 
 
 @dataclass(frozen=True)

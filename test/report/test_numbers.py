@@ -42,6 +42,7 @@ def read(text: str) -> list[Decimal]:
         (1.23456789, 0.0, '1.235'),
         (8.0, None, '8.000'),
         (0.0, None, '0.0'),
+        (0.5, 4e-56, f'0.5{"0" * 56} ± 0.{"0" * 55}40'),
     ],
 )
 def test_known_roundings(value: float, std: float | None, text: str) -> None:
@@ -86,6 +87,7 @@ def test_a_unit_scales_value_deviation_and_interval_alike(
         (0.07, 0.029, (-0.26, 0.39), '0.070, −0.260 … 0.390'),  # far wider than its deviation
         (8.0, 0.10, (7.95, 8.30), '8.00, 7.95 … 8.30'),  # to one side
         (8.0, 0.10, (7.8, 8.25), '8.00 ± 0.10'),
+        (1.0, 0.1, (-1e40, 2.0), f'1.00, −1{"0" * 40}.00 … 2.00'),  # draws that ran away
         (3.2e-6, 1e-8, (3.1e-6, 3.3e-6), '(3.200, 3.100 … 3.300) × 10<sup>−6</sup>'),
     ],
 )
