@@ -18,6 +18,12 @@ EXAMPLE = (
     'hunt import bags/flutter_rig/17092018_CBC_V250_TowardsHB.mat flutter_250 --rate 250'
     " --channel yaw='data[0]' --channel lateral='data[1]*0.47' --channel speed=25.0"
 )
+#: What an import says of a file, and the words in front of it.
+_TOLD = {
+    'units_assumed': 'the file tells no unit, assumed: ',
+    'left_out': 'left out: ',
+    'clock': '',
+}
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -48,25 +54,13 @@ def run(arguments: argparse.Namespace) -> int:
         name: {'samples': len(series), 'rate_hz': known(series.rate_hz)}
         for name, series in record.items()
     }
-    written = {
-        'bag': str(path),
-        'duration_s': record.duration_s,
-        'channels': channels,
-        'units_assumed': record.notes.get('units_assumed', ''),
-        'left_out': record.notes.get('left_out', ''),
-        'clock': record.notes.get('clock', ''),
-    }
+    told = {name: record.notes.get(name, '') for name in _TOLD}
+    written = {'bag': str(path), 'duration_s': record.duration_s, 'channels': channels, **told}
     parts = ', '.join(f'{name} {len(series)}' for name, series in record.items())
-    said = f'{path}: {record.duration_s:.1f} s, samples: {parts}'
-    if written['units_assumed']:
-        said += f'; the file tells no unit, assumed: {written["units_assumed"]}'
-    for either in lacking(record):
-        said += f'; no {" or ".join(either)} is in it'
-    if written['left_out']:
-        said += f'; left out: {written["left_out"]}'
-    if written['clock']:
-        said += f'; {written["clock"]}'
-    tell(arguments.json, lambda: written, lambda: said)
+    said = [f'{path}: {record.duration_s:.1f} s, samples: {parts}']
+    said += [_TOLD[name] + text for name, text in told.items() if text]
+    said += [f'no {" or ".join(either)} is in it' for either in lacking(record)]
+    tell(arguments.json, lambda: written, lambda: '; '.join(said))
     return 0
 
 

@@ -89,11 +89,9 @@ def load_record(
     try:
         series, mapping = _channels(table, mapping, rate_hz, time)
     except BagError as error:
-        taken = table.encoding and f'; its names are no UTF-8, and were read as {table.encoding}'
-        raise BagError(f'{path}: {error}{taken}') from error
-    told = {'units_assumed': _assumed(table, mapping), 'left_out': table.left_out}
-    told['clock'] = table.clock
-    notes = {'source': Path(path).name} | {name: text for name, text in told.items() if text}
+        raise BagError(f'{path}: {error}{table.doubt}') from error
+    told = {'source': Path(path).name, 'units_assumed': _assumed(table, mapping), **table.told}
+    notes = {name: text for name, text in told.items() if text}
     record = Record(with_constants(series, mapping, str(path)), str(path), notes)
     refuse_years(record.start_ns, record.end_ns, str(path))
     return record
@@ -268,7 +266,7 @@ def _spread(stamps_ns: NDArray[np.int64], table: Table) -> NDArray[np.int64]:
     found = bursts_of(stamps_ns, _SHARED, _TICKS) if shared else None
     if found is None or not found.even:
         return stamps_ns
-    table.clock = found.taken
+    table.told['clock'] = found.taken
     return spread(Series(stamps_ns, np.zeros(stamps_ns.size)), found).stamps_ns
 
 

@@ -33,19 +33,19 @@ class Table(dict[str, Any]):
         Of the columns whose unit the file tells.
     stamps_ns : dict of str to ndarray of int64
         Of the columns that have times of their own (a waveform).
-    left_out : str
-        What of the file was not taken; '' where all was.
-    clock : str
-        What was made of times that several samples share; '' where none do.
-    encoding : str
-        That its names were taken for, where it is not told; '' else.
+    told : dict of str to str
+        'left_out': what of the file was not taken; 'clock': what was made of times that several
+        samples share.
+    doubt : str
+        What may be wrong with its names, for the end of a message; '' else.
     """
 
     def __init__(self, content: Mapping[str, Any] | None = None) -> None:
         super().__init__(content or {})
         self.units: dict[str, str] = {}
         self.stamps_ns: dict[str, NDArray[np.int64]] = {}
-        self.left_out = self.clock = self.encoding = ''
+        self.told: dict[str, str] = {}
+        self.doubt = ''
 
 
 _STEP = re.compile(r'\.?([^.\[\]]+)|\[([^\[\]]*)\]')
@@ -203,7 +203,7 @@ def _shown(table: Any) -> str:
 
 def _read_csv(path: Path) -> Table:
     """Read the columns of a text file by their names, or as c0, c1 ..."""
-    text, encoding = _decoded(path.read_bytes())
+    text, doubt = _decoded(path.read_bytes())
     text = text.rstrip('\0')  # where the power failed
     lines = re.split('\r\n?|\n', text)  # other signs of a new line may stand in a remark
     # Digits of a last line that does not end may be missing.
@@ -254,20 +254,20 @@ def _read_csv(path: Path) -> Table:
     for name in {name for name in names if names.count(name) > 1}:
         table[name] = BagError(f'the column {name!r} occurs twice, expected unique names')
     table.units = {name: unit for name, unit in zip(names, units, strict=False) if unit}
-    table.left_out = f'line {cut}, which does not end' if cut else ''
-    table.encoding = '' if all(map(str.isascii, names)) else encoding
+    table.told['left_out'] = f'line {cut}, which does not end' if cut else ''
+    table.doubt = '' if ''.join(names).isascii() else doubt
     return table
 
 
 def _decoded(raw: bytes) -> tuple[str, str]:
-    """Return a text in one of the encodings that loggers write, and which it is if a guess."""
+    """Return a text in one of the encodings that loggers write, and that it may be another."""
     if raw[:2] in (b'\xff\xfe', b'\xfe\xff'):
         return raw.decode('utf-16'), ''
     if b'\0' in raw[:2]:  # UTF-16 that does not say so
         return raw.decode('utf-16-be' if raw[:1] == b'\0' else 'utf-16-le'), ''
     with suppress(UnicodeDecodeError):
         return raw.decode('utf-8-sig'), ''
-    return raw.decode('latin-1'), 'Latin-1'
+    return raw.decode('latin-1'), '; its names are no UTF-8, and were read as Latin-1'
 
 
 def _name_and_unit(cell: str) -> tuple[str, str]:
@@ -432,7 +432,7 @@ def _read_tdms(path: Path) -> Table:
     log_manager.set_level(logging.ERROR)  # a file that was cut is said here
     with TdmsFile.read(path) as file:
         if file.file_status.incomplete_final_segment:
-            table.left_out = 'the end of the last segment, which was cut'
+            table.told['left_out'] = 'the end of the last segment, which was cut'
         channels = [channel for group in file.groups() for channel in group.channels()]
         names = [channel.name for channel in channels]
         for channel in channels:

@@ -40,11 +40,8 @@ def show_results(bag: Path, refitted: Path, folder: Path, view: View) -> None:
     view : View
         Where the table goes.
     """
-    result, truth, paper = (
-        identify([read_record(bag)]),
-        limit_cycles(paper_rig()),
-        PAPER_NORMAL_FORM,
-    )
+    result, truth = identify([read_record(bag)]), limit_cycles(paper_rig())
+    paper = PAPER_NORMAL_FORM
     view.say(f'\n  {"":10}{"refitted":>24}{"truth":>10}{"paper (33)":>13}')
     rows = [
         ('v_c, m/s', result.v_c, truth.critical_speed, paper.critical_speed),

@@ -98,13 +98,11 @@ def lines_of(
     lines.append(f'{record.duration_s:.1f} s: {times}; largest amplitude {most}')
     for words, rows in found.reason_rows.most_common():
         lines.append(f'  {row_s * rows:8.1f} s  {words}')
-    forecast = found.forecast
-    if forecast is not None and forecast.critical_speed is None:
-        lines.append(f'v_c from the quiet response: unknown ({forecast.reason})')
-    elif forecast is not None and forecast.critical_speed is not None:
-        levels = counted(forecast.levels, 'speed level')
-        told = forecast.critical_speed.with_interval('m/s')
-        lines.append(f'v_c from the quiet response: {told}, {levels}')
+    if (forecast := found.forecast) is not None:
+        told = f'unknown ({forecast.reason})'
+        if (speed := forecast.critical_speed) is not None:
+            told = f'{speed.with_interval("m/s")}, {counted(forecast.levels, "speed level")}'
+        lines.append(f'v_c from the quiet response: {told}')
     return Words(speed_unit).in_unit('\n'.join(lines))
 
 

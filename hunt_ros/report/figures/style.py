@@ -48,7 +48,6 @@ UNSTABLE = COLOURS['unstable'][0]
 INK = COLOURS['ink'][0]
 MUTED = COLOURS['muted'][0]
 GRID = COLOURS['grid'][0]
-PAPER = COLOURS['paper'][0]
 ROUGHNESS = COLOURS['roughness'][0]
 
 #: Direction of the speed -> marker, colour, words for the legend.
