@@ -334,6 +334,8 @@ def _row(row: int, limits: _Limits, m: Any) -> int:
     bits = 0
     for bit in range(seen.size):
         held = limits.hold if bit != _WAITING else 0
+        if bit in (_STUCK, _SATURATED):  # a slow motion is cut off, and rests, once a period
+            held = max(held, int(3e9 * np.pi / limits.omega))
         if seen[bit] != _NEVER and row - seen[bit] <= held:
             bits |= 1 << bit
     return bits

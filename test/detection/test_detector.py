@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from made import PAPER, changed, without, words
+from made import PAPER, changed, record_of, without, words
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect, health
 from hunt_ros.detection.output import Output
@@ -112,6 +112,16 @@ def test_a_clipped_limit_cycle_is_saturated_and_still_an_alarm(recorded) -> None
     assert np.isin(during['state'], [State.ESCAPING, State.LIMIT_CYCLE]).all()
     assert ((during['lateral_wrong'] & health.SATURATED) != 0).all()
     assert detector.status.alarm
+
+
+def test_a_sensor_that_clips_a_slow_motion_does_not_recover_each_period() -> None:
+    time = np.arange(0.0, 40.0, 0.01)
+    noise = 2e-6 * np.random.default_rng(0).standard_normal(time.size)
+    lateral = np.minimum(1e-3 * np.sin(2.0 * np.pi * 0.5 * time) + noise, 7e-4)
+    config = DetectorConfig(channels=('lateral',), hunting_frequency_hz=0.5)
+    output = detect(HuntingDetector(config), record_of(time, lateral=lateral))
+    assert 'sensor_fault' in words(output)
+    assert 'sensor_recovered' not in words(output)
 
 
 def test_a_rig_that_runs_in_reverse_hunts_as_it_does_ahead_and_the_status_says_so(
