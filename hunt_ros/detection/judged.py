@@ -20,8 +20,9 @@ _CONTRARY, _PART, _CLEAR, _AGREE_S = 3.0, 0.5, 100.0, 0.5
 #: A motion within this part of the frequency of a line, that is what a filter of two periods
 #: resolves, is told from it only where the line has less than this part of its amplitude: a line
 #: that passes the hunting frequency resonates, and the filter may share out one motion, or make
-#: two of it that cancel. While the speed changes its size tells nothing either.
-_NEAR, _SHARED = 0.1, 0.25
+#: two of it that cancel. While the speed changes its size tells nothing either, and the line may
+#: seem small at the peak: what was shared is until the line has less than the last part.
+_NEAR, _SHARED, _STILL = 0.1, 0.25, 0.1
 #: The speed changes where it is off by this part from what it was over the memory of the slowest
 #: line (the least bandwidth in `tracker.tuning`), s at `REFERENCE_HZ`.
 _CHANGED, _MEMORY_S = 0.02, 20.0
@@ -107,6 +108,7 @@ class Agreement:
         self._hold = round(_AGREE_S * 1e9 / config.period_ns)
         self._orders = orders
         self._lost, self._lasted = False, 0
+        self._shared = False
 
     def update(
         self,
@@ -140,7 +142,7 @@ class Agreement:
                 contrary[k] |= self._lasted > self._hold
         rows['judged'][lost], rows['judged_std'][lost] = by_yaw(track[lost])
         rows['doubts'][contrary] |= np.uint32(doubts.CONTRARY)
-        shared = self._on_line(track, turning)
+        shared = self._on_line(track, turning, changed)
         rows['judged'][changed & shared] = math.nan
         rows['doubts'][shared] |= np.uint32(doubts.ON_LINE)
 
@@ -155,15 +157,24 @@ class Agreement:
         shown = np.where(np.isnan(told), a > _CONTRARY * s, a > _PART * told)
         return measured & (smaller | hidden), ~measured | shown
 
-    def _on_line(self, track: NDArray[np.void], turning: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def _on_line(
+        self,
+        track: NDArray[np.void],
+        turning: NDArray[np.float64],
+        changed: NDArray[np.bool_],
+    ) -> NDArray[np.bool_]:
         """Return the rows in which the motion may be that of a line at its frequency."""
         away = np.abs(track['frequency_hz'] - np.multiply.outer(self._orders, turning))
         near = away < _NEAR * track['frequency_hz']
-        shared = np.zeros(track.size, dtype=np.bool_)
+        shared, still = np.zeros((2, track.size), dtype=np.bool_)
         for name in ('lateral', 'yaw'):
-            least = _SHARED * track[f'{name}_amplitude']
+            motion = track[f'{name}_amplitude']
             for line, which in zip(near, ('roughness', 'roughness_second'), strict=False):
-                shared |= line & (track[f'{name}_{which}'] > least)
+                shared |= line & (track[f'{name}_{which}'] > _SHARED * motion)
+                still |= line & (track[f'{name}_{which}'] > _STILL * motion)
+        for k in np.flatnonzero(still & changed & ~shared):
+            shared[k] = shared[k - 1] if k else self._shared
+        self._shared = bool(shared[-1]) if shared.size else self._shared
         return shared
 
 

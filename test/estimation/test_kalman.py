@@ -347,3 +347,48 @@ def test_a_line_that_was_followed_before_its_angle_was_known_leaves_no_frequency
         rows = _track(tracker, (1.0, 2.0), hunting=hunting, seed=seed, unknown_s=4.0)[600:]
         assert abs(rows['frequency_hz'] - 2.84).max() < 0.7
         assert abs(rows['lateral_amplitude'] - hunting).max() < 4.0 * NOISE
+
+
+@pytest.mark.parametrize('line_hz', [2.7, 2.84, 3.0])
+def test_a_line_that_ceases_leaves_no_hunting_that_cancels_it(line_hz) -> None:
+    rows = _beside(line_hz, lambda t: np.where(t < 30.0, LINE, 0.0), lambda t: 0.0 * t)
+    assert rows['lateral_amplitude'][3500:].max() < 0.1 * LINE
+    assert rows['lateral_roughness'][3500:].max() < 0.1 * LINE
+
+
+@pytest.mark.parametrize('line_hz', [2.7, 3.0])
+def test_hunting_that_beats_with_a_line_is_not_given_to_it(line_hz) -> None:
+    rows = _beside(line_hz, lambda t: 0.0 * t + LINE, lambda t: 0.0 * t + 1.5 * LINE)[2000:]
+    np.testing.assert_allclose(rows['lateral_amplitude'], 1.5 * LINE, rtol=0.15)
+
+
+def test_a_line_that_nobody_knows_does_not_hold_the_frequency_when_hunting_begins() -> None:
+    # At 3.9 to 5.5 Hz it is all that there is to follow, until the hunting grows.
+    def grows(t: np.ndarray) -> np.ndarray:
+        return LINE * np.minimum(5e-3 * np.exp(0.3 * np.maximum(t - 50.0, 0.0)), 1.0)
+
+    rows = _beside(
+        4.0 + np.minimum(np.arange(2450) / 35.0, 50.0) * 0.03,
+        lambda t: 0.0 * t + 0.03 * LINE,
+        grows,
+        rate=35.0,
+        noise=0.005 * LINE,
+        known=False,
+    )
+    truth = grows(np.array([60.0, 63.0, 66.0, 69.0]))
+    np.testing.assert_allclose(
+        rows['lateral_amplitude'][[6000, 6300, 6600, 6900]], truth, rtol=0.2
+    )
+
+
+def _beside(line_hz, line, hunting, rate=200.0, noise=0.02 * LINE, known=True) -> np.ndarray:
+    """Run a tracker over a line and hunting at 2.84 Hz of amplitudes that go with time, s."""
+    time = np.arange(round(70.0 * rate)) / rate
+    angle = np.cumsum(2.0 * np.pi * np.broadcast_to(line_hz, time.size)) / rate
+    value = line(time) * np.cos(angle) + hunting(time) * np.cos(2.0 * np.pi * 2.84 * time)
+    value += noise * np.random.default_rng(0).standard_normal(time.size)
+    tracker = HuntingTracker(TrackerConfig(shafts=(Shaft((1.0,)),) if known else ()))
+    stamps = 1 + np.round(time * 1e9).astype(np.int64)
+    output = np.arange(10_000_000, int(stamps[-1]), 10_000_000)
+    told = angle if known else np.nan
+    return tracker.update(stamps, np.zeros(time.size, np.int8), value, told, 6.0, output)

@@ -17,7 +17,9 @@ _F = NDArray[np.float64]
 #: that can hunt have about the same), and what it may be off by, relative.
 SECOND, SECOND_STD = complex(-9.4, 2.0 * math.pi * 3.3), 0.5
 SECOND_SHARE = 0.1  # of the variance of a kick, the second mode's
-REVERSION = 30.0  # s in which frequency and growth rate fall back to the nominal ones
+#: s in which frequency and growth rate fall back to the nominal ones; and where the phasor is not
+#: known any more, which then tells nothing of either: it may have followed something else.
+REVERSION, LOST = 30.0, 3.0
 #: Scale of a further sensor of a coordinate against that of the first: prior relative deviation
 #: of each part (size, and angle in rad), and s in which it may become another: calibrations and
 #: the delays of filters are known to a few per cent, and last.
@@ -52,13 +54,19 @@ def turned(v: _F, i: int, turn: complex) -> complex:
 
 
 @compiled_part
+def reversion(f: at.Filter) -> float:
+    """Return the time, s, in which frequency and growth rate fall back."""
+    return REVERSION if known(f, at.Z) + known(f, at.Z + 2) > 0.0 else LOST
+
+
+@compiled_part
 def predict(f: at.Filter, dt: float) -> None:
     """Move state and covariance dt seconds on, without process noise: x = f(x), P = F P F'."""
     x, P = f.x, f.P
     growth, omega = x[at.GROWTH], x[at.OMEGA]
     first = cmath.exp(complex(min(max(growth * dt, -5.0), 5.0), omega * dt))
     second = cmath.exp(SECOND * dt)
-    keep = math.exp(-dt / REVERSION)
+    keep = math.exp(-dt / reversion(f))
     for k in range(2):
         z, w = at.Z + 2 * k, at.W + 2 * k
         moved, fast = turned(x, z, first), turned(x, w, second)
@@ -274,9 +282,10 @@ def diffuse(f: at.Filter, dt: float) -> None:
     drift = at.RATIO_FLOOR**2 * dt * 0.5 * (x[2] * x[2] + x[3] * x[3])
     P[2, 2] += drift
     P[3, 3] += drift
-    P[at.OMEGA, at.OMEGA] += at.OMEGA_DRIFT**2 * dt
+    renewed = REVERSION / reversion(f) * dt  # the deviation in the long run is the same
+    P[at.OMEGA, at.OMEGA] += at.OMEGA_DRIFT**2 * renewed
     # The growth rate changes with the amplitude, and so the quicker the larger it is.
-    P[at.GROWTH, at.GROWTH] += (at.GROWTH_DRIFT**2 + 0.25 * x[at.GROWTH] ** 2) * dt
+    P[at.GROWTH, at.GROWTH] += at.GROWTH_DRIFT**2 * renewed + 0.25 * x[at.GROWTH] ** 2 * dt
     for k in range(f.sensor_count):
         sensor = f.sensors[k]
         if sensor.alive:

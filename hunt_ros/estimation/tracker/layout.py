@@ -101,6 +101,7 @@ class LineNoise:
 
     log_bandwidth: float  # ln of the bandwidth, 1/s
     band: complex  # innovations demodulated
+    together: float  # recent mean of the power of hunting and line over that of the hunting
 
 
 class Input:

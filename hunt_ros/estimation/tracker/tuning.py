@@ -13,12 +13,18 @@ from hunt_ros.estimation.tracker.algebra import (
     magnified,
     measured,
     newest,
+    open_modes,
+    seen_of_lateral,
     speaks,
+    turned,
 )
 from hunt_ros.estimation.tracker.ratio import loosen, squared
 
 IN_BAND = 0.3  # s, of the whiteness measures
 OFFSET = 25.0  # power of the mean innovation over that of white noise taken for an offset
+#: Hunting and a line whose sum has had less than this part of the power of the hunting, as a mean
+#: over so long, s, cancel: of two motions that beat it is more, of two that differ it is not less.
+CANCELLED, LONG = 0.25, 2.0
 
 
 @compiled_part
@@ -41,6 +47,7 @@ def start_sensor(f: at.Filter, k: int, t: float) -> None:
     sensor.residual = sensor.noise
     for j in range(f.line_count):
         sensor.lines[j].log_bandwidth = 0.0
+        sensor.lines[j].together = 1.0
     sensor.log_bias_bandwidth = math.log(0.1)
     if alone:
         x[at.OMEGA] = f.mode.omega
@@ -189,6 +196,7 @@ def tune(f: at.Filter, k: int, dt: float, count: float) -> None:
         if cosine != 0.0 or sine != 0.0:
             size = step * unit / math.sqrt(cosine * cosine + sine * sine)
             sensor.lines[j].band = decay * sensor.lines[j].band + size * complex(cosine, sine)
+            give_to_line(f, k, j, dt)
     if not settled:
         return
     rate = 0.5 * dt / at.BANDWIDTH_TIME
@@ -202,6 +210,41 @@ def tune(f: at.Filter, k: int, dt: float, count: float) -> None:
     for j in range(f.line_count):
         own = sensor.lines[j]
         own.log_bandwidth = tuned(own.log_bandwidth, squared(own.band), rate, 0.05, 5.0)
+
+
+@compiled_part
+def hunting_in(f: at.Filter, k: int, turn: complex) -> complex:
+    """Return the phasor of the hunting in the signal of sensor k, turned by a factor."""
+    sensor = f.sensors[k]
+    for _ in range(sensor.derivative):
+        turn *= complex(f.x[at.GROWTH], f.x[at.OMEGA])
+    return turned(f.x, at.Z + 2 * sensor.coordinate, sensor.unit * turn)
+
+
+@compiled_part
+def give_to_line(f: at.Filter, k: int, j: int, dt: float) -> None:
+    """
+    Give the hunting to line j where they have cancelled for long, as sensor k sees them.
+
+    At one frequency no reading tells one small motion from two large ones that cancel, and a
+    filter that has come to believe in two goes on to. That the wheelset moves so is far less
+    likely than that there is one.
+    """
+    x, own = f.x, f.sensors[k].lines[j]
+    back = complex(f.row.value[2 * j], -f.row.value[2 * j + 1])
+    i, hunting = line(f, k) + 2 * j, hunting_in(f, k, back)
+    both = squared(hunting + complex(x[i], -x[i + 1]))
+    share = both / squared(hunting) if both < squared(hunting) else 1.0
+    own.together += dt / LONG * (share - own.together)
+    if own.together > CANCELLED:
+        return
+    for m in range(f.sensor_count):
+        i, hunting = line(f, m) + 2 * j, hunting_in(f, m, back)
+        x[i] += hunting.real
+        x[i + 1] -= hunting.imag
+        f.sensors[m].lines[j].together = 1.0
+    x[at.Z : at.Z + 4] = 0.0
+    open_modes(f, both / seen_of_lateral(f, k))
 
 
 @compiled_part
