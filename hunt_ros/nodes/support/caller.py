@@ -74,11 +74,11 @@ class Caller:
         #: Of each service its own threads: a key that is held down on one delays no stop.
         self._calls = {word: ThreadPoolExecutor(_MOST) for word in SERVICES}
         self._lock = threading.Lock()
-        #: Of each service its client, and the publisher of the words that go with it.
-        self._lines: dict[str, tuple[Client, Publisher | None]] = {}
+        self._clients: dict[str, Client] = {}
+        self._topics: dict[str, Publisher] = {}
         self._ready_s: dict[str, float] = {}  # since when each service is known to be there
         for word in words:
-            self._line(word)
+            self._client(word)
         self._aside.start()
 
     def call(self, word: str, words: str = '') -> Future[Answer]:
@@ -108,19 +108,25 @@ class Caller:
             calls.shutdown(wait=False, cancel_futures=True)
         self._aside.close()
 
-    def _line(self, word: str) -> tuple[Client, Publisher | None]:
+    def _client(self, word: str) -> Client:
         service = SERVICES[word]
         with self._lock:
-            if word not in self._lines:
-                kind, topic = SetBool if service.switch else Trigger, service.words_topic
-                words = self._node.create_publisher(String, topic, stream(10)) if topic else None
-                self._lines[word] = self._node.create_client(kind, service.name), words
-            return self._lines[word]
+            if word not in self._clients:
+                kind = SetBool if service.switch else Trigger
+                self._clients[word] = self._node.create_client(kind, service.name)
+            return self._clients[word]
+
+    def _topic(self, service: Service) -> Publisher | None:
+        """Return the publisher of the words that go with a service; None where it takes none."""
+        name = service.words_topic
+        with self._lock:
+            if name and name not in self._topics:
+                self._topics[name] = self._node.create_publisher(String, name, stream(10))
+            return self._topics.get(name)
 
     def _call(self, word: str, words: str, asked_s: float) -> Answer:
         service = SERVICES[word]
-        client, topic = self._line(word)
-        topic = topic if words else None
+        client, topic = self._client(word), self._topic(service) if words else None
         if time.monotonic() - asked_s > self._found_s:  # nothing is done long after it was meant
             return Answer(False, f'{service.node} has not answered to calls before', False)
         while not (client.service_is_ready() and (not topic or topic.get_subscription_count())):
