@@ -224,7 +224,8 @@ class Supervisor:
         self._files.append(os.fdopen(os.memfd_create(name), 'wb'))
         self._files[-1].write(content)
         self._files[-1].flush()
-        return Path(f'/proc/{os.getpid()}/fd/{self._files[-1].fileno()}')
+        # Of the node itself, which has it open from its start: it outlives this process.
+        return Path(f'/proc/self/fd/{self._files[-1].fileno()}')
 
     def _launch(self, child: _Child) -> None:
         spec = child.spec
@@ -237,6 +238,7 @@ class Supervisor:
                 text=True,
                 env=self.environment | ({AGAIN: '1'} if child.began_s else {}),
                 preexec_fn=partial(_in_child, os.getpid()),
+                pass_fds=[one.fileno() for one in self._files],
             )
         child.began_s, child.others = time.monotonic(), Counter()
         child.patience = _NEVER_HEARD * (2 if child.failures else 1)
