@@ -51,7 +51,7 @@ def identification_of(form: NormalForm = PAPER_NORMAL_FORM, **more: Any) -> Iden
         unstable, stable = (Uncertain(x, 0.02 * x) if np.isfinite(x) else None for x in ends)
         branches.append(BranchPoint(float(speed), stable, unstable))
     fit = FitSummary(
-        'trajectory least squares', 'quintic', 'it fits', 31, 35, 4.6e-6, False, (), 0.4,
+        'trajectory least squares', 'quintic', 31, 35, 4.6e-6, False, (), 0.4,
         212.0, True,
     )  # fmt: skip
     found = Identification(

@@ -1,16 +1,19 @@
 """
 The growth law: Eq. (24), and terms that it leaves out; its branches, its fold, its other units.
 
-    d ln A / dt = sum_j p_j u^i w^k,    u = v / v_ref - 1,    w = (A / A_ref)^2,
+    d ln A / dt = sum_j p_j u^i x^k,    u = v / v_ref - 1,    w = (A / A_ref)^2,
+    x = w / (1 + c w),    c >= 0,
 
-with the powers i and k of `U_POWERS` and `W_POWERS`. The first six terms are the paper's form
-without a critical speed in it: of order one, and defined even where the data hold no critical
-speed. The others are what a rig may add to it.
+with the powers i and k of `U_POWERS` and `X_POWERS`. The first six terms, with c = 0, are the
+paper's form without a critical speed in it: of order one, and defined even where the data hold no
+critical speed. The others are what a rig may add to it. Forces that saturate (conicity and creep)
+have c > 0: of the laws with as many coefficients a rational one follows them best, and its limit
+cycles at a speed are still two.
 
 A line of amplitude B that the roller forces on y beside hunting takes part in the nonlinear
-terms: A^2 -> A^2 + 2 B^2, A^4 -> A^4 + 6 A^2 B^2 + 3 B^4,
-A^6 -> A^6 + 12 A^4 B^2 + 18 A^2 B^4 + 4 B^6. Of its power the wheelset feels the share p10: a
-line that is partly run-out of the sensor acts less. The law is that of a rig without the line.
+terms: A^2 -> A^2 + 2 B^2, A^4 -> A^4 + 6 A^2 B^2 + 3 B^4. Of its power the wheelset feels the
+share p9: a line that is partly run-out of the sensor acts less. The law is that of a rig without
+the line.
 """
 
 from __future__ import annotations
@@ -27,27 +30,27 @@ from hunt_ros.dynamics.normal_form import Criticality, NormalForm
 
 Array = NDArray[np.float64]
 
-#: Powers of u and of w of each term: the paper's form first.
-U_POWERS = (0, 1, 2, 0, 1, 0, 1, 0, 3, 2)
-W_POWERS = (0, 0, 0, 1, 1, 2, 2, 3, 0, 1)
-#: Numbers of coefficients: of the paper's form, of the law, and with the share of the line.
-PAPER_TERMS, TERMS = 6, 11
-#: Place of the share of the roller's line that the wheelset feels.
-FELT = 10
+#: Powers of u and of x of each term: the paper's form first.
+U_POWERS = (0, 1, 2, 0, 1, 0, 1, 2)
+X_POWERS = (0, 0, 0, 1, 1, 2, 2, 1)
+#: Numbers of coefficients: of the paper's form, and with saturation and the share of the line.
+PAPER_TERMS, TERMS = 6, 10
+#: Places of the saturation c, and of the share of the roller's line that the wheelset feels.
+SATURATION, FELT = 8, 9
 #: Places of the terms without amplitude, and their powers of u.
-LINEAR, LINEAR_POWERS = (0, 1, 2, 8), (0, 1, 2, 3)
+LINEAR, LINEAR_POWERS = (0, 1, 2), (0, 1, 2)
 #: Where the terms of a law go when u is replaced by s (1 + u) - 1: place, place it comes from,
-#: in how many ways, power of u it comes from and goes to, power of w.
+#: in how many ways, power of u it comes from and goes to, power of x.
 _EXPANDED = np.array(
     [
         (into, out, math.comb(i, j), i, j, k)
-        for into, (j, k) in enumerate(zip(U_POWERS, W_POWERS, strict=True))
-        for out, (i, same) in enumerate(zip(U_POWERS, W_POWERS, strict=True))
+        for into, (j, k) in enumerate(zip(U_POWERS, X_POWERS, strict=True))
+        for out, (i, same) in enumerate(zip(U_POWERS, X_POWERS, strict=True))
         if same == k and j <= i
     ]
 ).T
 #: Names of the law, as results give them: as the paper has it, and with further terms.
-QUINTIC, EXTENDED = 'quintic', 'quintic with shrunken terms'
+QUINTIC, EXTENDED = 'quintic', 'quintic with saturation'
 
 #: Largest w = (A / A_ref)^2 at which a limit cycle is looked for, and the largest detuning at
 #: which a critical speed is: ten times the speed of the data.
@@ -57,60 +60,80 @@ _LARGEST = 9.0
 _LEFT_OPEN = 0.01
 
 
-def _powers_of_w(p: Any, u: Any, line: Any) -> tuple[Any, Any, Any, Any]:
+def _powers_of_x(p: Any, u: Any, line: Any) -> tuple[Any, Any, Any]:
     """
-    Coefficients of 1, w, w^2 and w^3 in the growth rate at one speed: the law itself.
+    Coefficients of 1, x and x^2 in the growth rate at one speed: the law itself.
 
     Parameters
     ----------
-    p : ndarray, shape (11,) or (11, ...)
+    p : ndarray, shape (10,) or (10, ...)
         Coefficients.
     u, line : float or ndarray
         Detuning, and power (B / A_ref)^2 of the roller's line.
     """
-    b = p[10] * line
-    first = p[3] + (p[4] + p[9] * u) * u
+    b = p[9] * line
+    first = p[3] + (p[4] + p[7] * u) * u
     second = p[5] + p[6] * u
-    third = p[7]
-    rest = p[0] + (p[1] + (p[2] + p[8] * u) * u) * u
+    rest = p[0] + (p[1] + p[2] * u) * u
     return (
-        rest + (2.0 * first + (3.0 * second + 4.0 * third * b) * b) * b,
-        first + (6.0 * second + 18.0 * third * b) * b,
-        second + 12.0 * third * b,
-        third + 0.0 * b,
+        rest + (2.0 * first + 3.0 * second * b) * b,
+        first + 6.0 * second * b,
+        second + 0.0 * b,
     )
 
 
 #: The same for the compiled likelihood.
-powers_of_w = compiled_part(_powers_of_w)
+_powers_compiled = compiled_part(_powers_of_x)
+
+
+@compiled_part
+def _saturated(c: float, w: float) -> tuple[float, float, float, float, float]:
+    """Return x, its first and second derivative by w, and those of the first two by c."""
+    s = 1.0 / (1.0 + c * w)
+    return w * s, s * s, -2.0 * c * s * s * s, -w * w * s * s, -2.0 * w * s * s * s
+
+
+@compiled_part
+def growth_at(p: Array, u: float, w: float, line: float) -> tuple[float, float, float]:
+    """Return the growth rate, 1/s, and its first and second derivative by w."""
+    c0, c1, c2 = _powers_compiled(p, u, line)
+    x, x1, x2, _, _ = _saturated(p[8], w)
+    bent = c1 + 2.0 * c2 * x
+    return c0 + (c1 + c2 * x) * x, bent * x1, 2.0 * c2 * x1 * x1 + bent * x2
 
 
 @compiled_part
 def terms_at(p: Array, u: float, w: float, line: float, value: Array, slope: Array) -> None:
     """Fill in the derivatives of growth rate and of its derivative by w, by each coefficient."""
-    b = p[10] * line
-    of_u = (1.0, u, u * u, u * u * u)
-    of_w = (
-        1.0,
-        w + 2.0 * b,
-        w * w + (6.0 * w + 3.0 * b) * b,
-        ((w + 12.0 * b) * w + 18.0 * b * b) * w + 4.0 * b * b * b,
-    )
-    by_w = (0.0, 1.0, 2.0 * w + 6.0 * b, (3.0 * w + 24.0 * b) * w + 18.0 * b * b)
-    by_b = (0.0, 2.0, 6.0 * w + 6.0 * b, (12.0 * w + 36.0 * b) * w + 12.0 * b * b)
-    by_both = (0.0, 0.0, 6.0, 24.0 * w + 36.0 * b)
-    value[10] = 0.0
-    slope[10] = 0.0
-    for j in range(10):
-        x, k = of_u[U_POWERS[j]], W_POWERS[j]
-        value[j] = x * of_w[k]
-        slope[j] = x * by_w[k]
-        value[10] += line * p[j] * x * by_b[k]
-        slope[10] += line * p[j] * x * by_both[k]
+    _, c1, c2 = _powers_compiled(p, u, line)
+    x, x1, _, by_c, x1_by_c = _saturated(p[8], w)
+    b = p[9] * line
+    of_u = (1.0, u, u * u)
+    of_x = (1.0, x + 2.0 * b, x * x + (6.0 * x + 3.0 * b) * b)
+    by_x = (0.0, x1, (2.0 * x + 6.0 * b) * x1)
+    by_b = (0.0, 2.0, 6.0 * x + 6.0 * b)
+    by_both = (0.0, 0.0, 6.0 * x1)
+    value[9] = 0.0
+    slope[9] = 0.0
+    for j in range(8):
+        of, k = of_u[U_POWERS[j]], X_POWERS[j]
+        value[j] = of * of_x[k]
+        slope[j] = of * by_x[k]
+        value[9] += line * p[j] * of * by_b[k]
+        slope[9] += line * p[j] * of * by_both[k]
+    bent = c1 + 2.0 * c2 * x
+    value[8] = bent * by_c
+    slope[8] = 2.0 * c2 * by_c * x1 + bent * x1_by_c
+
+
+def saturated(c: Any, w: Array) -> Array:
+    """Return x for saturations c and w = (A / A_ref)^2."""
+    x: Array = w / (1.0 + c * w)
+    return x
 
 
 def lawful(paper: ArrayLike, felt: float = 1.0) -> Array:
-    """Return coefficients, shape (11,), from those of the paper's form, shape (6,)."""
+    """Return coefficients, shape (10,), from those of the paper's form, shape (6,)."""
     p = np.zeros(TERMS)
     p[:PAPER_TERMS] = paper
     p[FELT] = felt
@@ -130,12 +153,12 @@ def reading(log_gain: float, log_speed: float) -> Array:
 
     Returns
     -------
-    ndarray, shape (11, 11)
+    ndarray, shape (10, 10)
         Exact: with 1 + u = s (1 + u') a power of u is a polynomial in u' of the same degree.
     """
     s, shrunk = math.exp(log_speed), math.exp(-2.0 * log_gain)
     matrix = np.zeros((TERMS, TERMS))
-    matrix[FELT, FELT] = 1.0
+    matrix[FELT, FELT], matrix[SATURATION, SATURATION] = 1.0, shrunk
     into, out, ways, i, j, k = _EXPANDED
     matrix[into, out] = ways * (s - 1.0) ** (i - j) * s**j * shrunk**k
     return matrix
@@ -182,8 +205,8 @@ class GrowthLaw:
 
     Parameters
     ----------
-    p : ndarray, shape (11,) or (laws, 11)
-        1/s, and the share of the roller's line that is felt.
+    p : ndarray, shape (10,) or (laws, 10)
+        1/s; saturation and the share of the roller's line that is felt are numbers.
     scales : GrowthScales
     """
 
@@ -207,25 +230,25 @@ class GrowthLaw:
     def linear(self, u: Array | float) -> Array:
         """Linear growth rate, 1/s; of many laws shape (laws, ...)."""
         p = self._columns
-        value: Array = p[0] + (p[1] + (p[2] + p[8] * u) * u) * u
+        value: Array = p[0] + (p[1] + p[2] * u) * u
         return value
 
     def linear_slope(self, u: Array | float) -> Array:
         """Change of the linear growth rate with u, 1/s; of many laws shape (laws, ...)."""
         p = self._columns
-        slope: Array = p[1] + (2.0 * p[2] + 3.0 * p[8] * u) * u
+        slope: Array = p[1] + 2.0 * p[2] * u
         return slope
 
     def linear_terms(self, u: float) -> Array:
-        """Return what multiplies each coefficient in the linear growth rate, shape (11,)."""
+        """Return what multiplies each coefficient in the linear growth rate, shape (10,)."""
         terms = np.zeros(TERMS)
         terms[list(LINEAR)] = u ** np.array(LINEAR_POWERS)
         return terms
 
-    def _in_w(self, speed: ArrayLike, line: ArrayLike) -> tuple[Array, Array, Array, Array]:
-        """Coefficients of the powers of w, for a line of power B^2 in m^2."""
+    def _in_x(self, speed: ArrayLike, line: ArrayLike) -> tuple[Array, Array, Array]:
+        """Coefficients of the powers of x, for a line of power B^2 in m^2."""
         b = np.asarray(line, dtype=np.float64) / self.scales.amplitude**2
-        return _powers_of_w(self._columns, self.detuning(speed), b)
+        return _powers_of_x(self._columns, self.detuning(speed), b)
 
     def growth_rate(self, speed: ArrayLike, amplitude: ArrayLike, line: ArrayLike = 0.0) -> Array:
         """
@@ -242,16 +265,17 @@ class GrowthLaw:
             1/s.
         """
         w = (np.asarray(amplitude, dtype=np.float64) / self.scales.amplitude) ** 2
-        rest, first, second, third = self._in_w(speed, line)
-        rate: Array = rest + (first + (second + third * w) * w) * w
+        rest, first, second = self._in_x(speed, line)
+        x = saturated(self._columns[SATURATION], w)
+        rate: Array = rest + (first + second * x) * x
         return rate
 
     def _zero(self, sign: float) -> Array:
         """Speeds where the linear growth rate rises, or falls, through zero; NaN without one."""
         p = np.atleast_2d(self.p)
-        u = _cubic_roots(p[:, 8], p[:, 2], p[:, 1], p[:, 0])
+        u = _roots(p[:, 2], p[:, 1], p[:, 0])
         with np.errstate(invalid='ignore', over='ignore'):
-            slope = p[:, 1] + (2.0 * p[:, 2] + 3.0 * p[:, 8] * u) * u
+            slope = p[:, 1] + 2.0 * p[:, 2] * u
             there = (u > -1.0) & (u < _LARGEST) & (sign * slope > 0.0)
         nearest = np.argmin(np.where(there, np.abs(u), np.inf), axis=0)
         found = np.take_along_axis(np.where(there, u, np.nan), nearest[None], axis=0)[0]
@@ -281,7 +305,7 @@ class GrowthLaw:
     def soft(self) -> NDArray[np.bool_]:
         """Whether the cubic term at v_c is stabilising, shape (laws,); False without v_c."""
         many = GrowthLaw(np.atleast_2d(self.p), self.scales)
-        cubic: Array = many._in_w(self.critical_speeds[:, None], 0.0)[1][:, 0]
+        cubic: Array = many._in_x(self.critical_speeds[:, None], 0.0)[1][:, 0]
         return np.asarray(cubic <= 0.0)
 
     @property
@@ -312,10 +336,12 @@ class GrowthLaw:
             to: no state of a rig. Neither asks for the sign of the growth from rest, which at
             v_c is a matter of rounding.
         """
-        rest, first, second, third = np.broadcast_arrays(*self._in_w(np.atleast_1d(speed), line))
-        w = _cubic_roots(third, second, first, rest)
-        with np.errstate(invalid='ignore', over='ignore'):
-            slope = first + (2.0 * second + 3.0 * third * w) * w
+        rest, first, second = np.broadcast_arrays(*self._in_x(np.atleast_1d(speed), line))
+        c = self._columns[SATURATION]
+        x = _roots(second, first, rest)
+        with np.errstate(all='ignore'):
+            slope = first + 2.0 * second * x
+            w = x / (1.0 - c * x)
             exists = (w > 0.0) & (w < _LARGEST)
             stable = np.min(np.where(exists & (slope < 0.0), w, np.inf), axis=0)
             barrier = exists & (slope > 0.0) & (w < stable) & np.isfinite(stable)
@@ -363,35 +389,17 @@ class GrowthLaw:
         return _known(self.folds(lowest)[0, 0])
 
 
-def _cubic_roots(a: Array, b: Array, c: Array, d: Array) -> Array:
+def _roots(a: Array, b: Array, c: Array) -> Array:
     """
-    Real roots of a x^3 + b x^2 + c x + d, shape (3, ...); NaN where there is none.
+    Real roots of a x^2 + b x + c, shape (2, ...); NaN or infinite where there is none.
 
     References
     ----------
     Press, W. H., et al., Numerical Recipes (2007), Sect. 5.6.
     """
     with np.errstate(all='ignore'):
-        q = -0.5 * (c + np.copysign(np.sqrt(c * c - 4.0 * b * d), c))
-        square = np.stack([q / b, d / q, np.full_like(q, np.nan)])
-        b3, c3, d3 = b / a, c / a, d / a
-        big_q = (b3 * b3 - 3.0 * c3) / 9.0
-        big_r = (2.0 * b3**3 - 9.0 * b3 * c3 + 27.0 * d3) / 54.0
-        angle = np.arccos(big_r / big_q**1.5) / 3.0
-        turns = np.multiply.outer(2.0 * np.pi / 3.0 * np.array([0.0, 1.0, -1.0]), np.ones(q.shape))
-        three = -2.0 * np.sqrt(big_q) * np.cos(angle + turns) - b3 / 3.0
-        root = np.cbrt(np.abs(big_r) + np.sqrt(big_r**2 - big_q**3))
-        root = -np.copysign(root, big_r)
-        one = np.where(root == 0.0, 0.0, root + big_q / root) - b3 / 3.0
-        alone = np.stack([one, np.full_like(one, np.nan), np.full_like(one, np.nan)])
-        full = np.where(np.isfinite(angle), three, alone)
-        # A leading term that changes nothing within reach: the others decide, and it is added.
-        slight = np.abs(a) * _LARGEST**2 < 1e-6 * (np.abs(b) * _LARGEST + np.abs(c))
-        x = np.where(slight, square, full)
-        for _ in range(2):
-            step = (((a * x + b) * x + c) * x + d) / ((3.0 * a * x + 2.0 * b) * x + c)
-            x = np.where(np.abs(step) < 0.1 * np.abs(x), x - step, x)
-    return x
+        q = -0.5 * (b + np.copysign(np.sqrt(b * b - 4.0 * a * c), b))
+        return np.stack([q / a, c / q])
 
 
 def _root(w: Array) -> Array:
@@ -448,7 +456,7 @@ def _nearest_quintic(law: GrowthLaw, low: float, high: float) -> Array | None:
         right.append(-rise * (x - u_c) / steep)
     # D7 is free to serve the branches: it is an effective coefficient, and not Taylor's. What the
     # branches leave open (one alone does, over few speeds) stays what it is in the law.
-    own = np.array([*p[3:6], p[2] + 3.0 * p[8] * u_c])
+    own = np.array([*p[3:5], p[5] - p[SATURATION] * p[3], p[2]])
     matrix, target = np.concatenate(rows), np.concatenate(right)
     weight = _LEFT_OPEN * math.sqrt(max(len(matrix), 1)) / np.max(np.abs(p[3:5]))
     keep = weight * np.eye(own.size)

@@ -1,11 +1,10 @@
 """
 The fit of the growth law: where it starts, where a path is broken, how far it leaves Eq. (24).
 
-The paper's form is fitted first. Then the terms that it leaves out are let in under priors of
-growing width: how far a rig departs from the form is a scale that the recording tells. Each
-width has its evidence (Laplace's approximation to the marginal likelihood), and the intervals
-hold what all of them say, each by its share. On a record that follows the form the further
-terms are not worth their freedom, and what is given is the form as it was fitted alone.
+The paper's form is fitted first: it tells how large terms are. Then the terms that it leaves out
+are let in, under a prior as wide as those of a rig whose conicity or creep saturates. They are
+let in also where a recording follows the form as well without them: a short one does whatever the
+rig, since its linear terms bend instead, and v_c with them.
 """
 
 from __future__ import annotations
@@ -15,17 +14,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import maximum_filter1d
 
 from hunt_ros.dynamics.growth_law import (
     FELT,
     PAPER_TERMS,
+    SATURATION,
     TERMS,
     GrowthLaw,
     GrowthScales,
     from_normal_form,
     lawful,
+    saturated,
 )
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.identification.likelihood.path import Path
@@ -39,22 +40,22 @@ from hunt_ros.identification.likelihood.trajectory_fit import (
 )
 from hunt_ros.identification.settings import IdentificationSettings
 
-#: Scales of the departure from the paper's form, and what each is given beforehand: half for
-#: none at all, the rest to widths from a tenth of the form's own terms to all of them.
-DEPARTURES = {0.0: 0.5, 0.1: 1.0 / 6.0, 0.3: 1.0 / 6.0, 1.0: 1.0 / 6.0}
+#: Widths of the prior on the terms beyond the paper's form, in units of those they belong to, one
+#: after the other: little by little the fit goes where it does not at once. The last is a choice:
+#: of rigs whose conicity or creep saturates the terms are about as large as those, or twice, and
+#: with each width more what a short record leaves open is wider.
+_WIDTHS = 0.45, 0.75
 #: Rounds in which jumps of the path are looked for, and the share of it they are at most.
 _GATES = 6
 _MOST_JUMPS = 0.005
 #: ln Q, ln R and ln phase noise at which a fit starts, at least.
 _BROAD = np.array([-8.0, -9.0, -6.0])
-#: Standard deviation of the prior on the logarithm of a variance: two decades.
-_FREE_NOISE = 4.6
 
 
 @dataclass(frozen=True, eq=False)
 class FittedLaw:
     """
-    The law, fitted under one prior.
+    The law, fitted.
 
     Parameters
     ----------
@@ -62,20 +63,11 @@ class FittedLaw:
     fit : TrajectoryFit
     path : Path
         What it was fitted to.
-    prior : LawPrior
-        Under which it was fitted.
-    departure : float
-        Its scale of the terms beyond the paper's form.
-    weight : float
-        Its share of the evidence, 0 to 1.
     """
 
     law: GrowthLaw
     fit: TrajectoryFit
     path: Path
-    prior: LawPrior
-    departure: float
-    weight: float
 
     @property
     def noise(self) -> NDArray[np.float64]:
@@ -83,14 +75,14 @@ class FittedLaw:
         return self.fit.theta[-NOISE_TERMS:]
 
 
-def fit_laws(
+def fit_law(
     path: Path,
     scales: GrowthScales,
     settings: IdentificationSettings,
     v_c: float | None,
-) -> list[FittedLaw]:
+) -> FittedLaw:
     """
-    Fit the law to a path under each scale of its departure from the paper's form.
+    Fit the law to a path: the paper's form, then with further terms.
 
     Parameters
     ----------
@@ -102,53 +94,24 @@ def fit_laws(
         For what is known from elsewhere.
     v_c : float or None
         Observed critical speed, as a start only, m/s.
-
-    Returns
-    -------
-    list of FittedLaw
-        With their shares of the evidence. The first is the one to be given: the paper's form
-        where it has half of the evidence, else further terms of the likeliest scale.
     """
     priors = priors_of(scales, settings)
     line = path.line is not None and bool(np.any(path.line > 0.0))
-    fit, path = _fit_paper(path, scales, priors, v_c, line)
-    size = fit.theta[:PAPER_TERMS]
-    fitted = []
-    for departure in DEPARTURES:
-        prior = law_prior(scales, departure, size, line)
-        if departure > 0.0:
-            fit = fit_path(path, fit.theta, prior, priors, own=fit.own, spread=fit.spread)
-        fitted.append(FittedLaw(GrowthLaw(fit.law, scales), fit, path, prior, departure, 0.0))
-    return _weighed(fitted)
-
-
-def _weighed(fitted: Sequence[FittedLaw]) -> list[FittedLaw]:
-    """Laws with their shares of the evidence, the one to be given first."""
-    evidence = np.array([_evidence(one.fit, one.prior) for one in fitted])
-    top = max(float(evidence.max()), -1e300)
-    given = np.array([DEPARTURES[one.departure] for one in fitted])
-    share = given * np.exp(np.maximum(evidence - top, -50.0))
-    share /= share.sum()
-    laws = [replace(one, weight=float(w)) for one, w in zip(fitted, share, strict=True)]
-    # The paper's form, or further terms with the scale that has the most evidence.
-    paper = sum(one.weight for one in laws if one.departure == 0.0) >= 0.5
-    return sorted(laws, key=lambda one: ((one.departure == 0.0) != paper, -one.weight))
-
-
-def _evidence(fit: TrajectoryFit, prior: LawPrior) -> float:
-    """Laplace's approximation to the log evidence, up to a constant; it needs a maximum."""
-    if not (fit.converged and math.isfinite(fit.log_likelihood)):
-        return -math.inf
-    information = fit.information.copy()
-    # A noise that is too small to be seen leaves its logarithm free: without a bound on how
-    # free, the law beside which it vanished would win for that alone.
-    noise = np.arange(information.shape[0])[-3:]
-    information[noise, noise] += _FREE_NOISE**-2
-    varied = np.flatnonzero(np.diag(information) > 0.0)
-    sign, logarithm = np.linalg.slogdet(information[np.ix_(varied, varied)])
-    if sign <= 0.0:
-        return -math.inf
-    return float(fit.log_likelihood - 0.5 * logarithm - np.log(prior.std[prior.std > 0.0]).sum())
+    fit = _fit_paper(path, scales, priors, v_c, line)
+    for width in _WIDTHS:
+        path = _turned(path, fit, scales)
+        prior = law_prior(scales, line, width, fit.theta[:PAPER_TERMS])
+        fit = fit_path(path, fit.theta, prior, priors, own=fit.own, spread=fit.spread)
+    fit = learnt(path, fit, prior, priors)
+    # A kick too small to be seen in its window shows as a step of the path: start anew there.
+    for _ in range(_GATES):
+        steps = _steps(fit)
+        # Kicks are few; where many samples stand out it is the law that is wrong.
+        if not steps.any() or steps.sum() > 3 + _MOST_JUMPS * steps.size:
+            break
+        path = path.broken_at(steps)
+        fit = fit_path(path, fit.theta, prior, priors, own=fit.own, spread=fit.spread)
+    return FittedLaw(GrowthLaw(fit.law, scales), fit, path)
 
 
 def _fit_paper(
@@ -157,9 +120,9 @@ def _fit_paper(
     priors: Sequence[Prior],
     v_c: float | None,
     line: bool,
-) -> tuple[TrajectoryFit, Path]:
-    """Fit the paper's form from several starts; break the path where a step was."""
-    prior = law_prior(scales, 0.0, None, line)
+) -> TrajectoryFit:
+    """Fit the paper's form from several starts."""
+    prior = law_prior(scales, line)
     step = float(np.median(np.diff(path.time)))
     change = np.abs(np.diff(path.phasor))
     usual = float(np.nanmedian(change)) ** 2 if np.isfinite(change).any() else 1.0
@@ -171,17 +134,7 @@ def _fit_paper(
         fit_path(path, np.concatenate([lawful(law), noise]), prior, priors, 8) for law in laws
     ]
     best = max(starts, key=lambda one: one.log_likelihood)
-    fit = fit_path(path, best.theta, prior, priors, own=best.own)
-    fit = learnt(path, fit, prior, priors)
-    # A kick too small to be seen in its window shows as a step of the path: start anew there.
-    for _ in range(_GATES):
-        steps = _steps(fit)
-        # Kicks are few; where many samples stand out it is the law that is wrong.
-        if not steps.any() or steps.sum() > 3 + _MOST_JUMPS * steps.size:
-            break
-        path = path.broken_at(steps)
-        fit = fit_path(path, fit.theta, prior, priors, own=fit.own, spread=fit.spread)
-    return fit, path
+    return fit_path(path, best.theta, prior, priors, own=best.own)
 
 
 def _templates(path: Path, scales: GrowthScales, v_c: float | None) -> list[NDArray[np.float64]]:
@@ -202,6 +155,33 @@ def _templates(path: Path, scales: GrowthScales, v_c: float | None) -> list[NDAr
         for D4, D15 in shapes
     ]
     return [from_normal_form(one, scales) for one in forms]
+
+
+def _turned(path: Path, fit: TrajectoryFit, scales: GrowthScales) -> Path:
+    """
+    Turn the frame of a path with what its frequency leaves out, over speed and amplitude.
+
+    The innovations across the amplitude show it, each as well as the filter knows it: a frame
+    that turns too fast or too slow in a transient makes it look like a kick, and rest better
+    damped than it is.
+    """
+    u, amplitude = path.u, np.abs(path.phasor)
+    x = saturated(fit.theta[SATURATION], np.nan_to_num(amplitude) ** 2)
+    basis = np.stack([np.ones_like(u), u, u * u, x, u * x, x * x, u * x * x], axis=1)
+    basis[1:] = 0.5 * (basis[1:] + basis[:-1])
+    lasts = np.diff(path.time, prepend=path.time[0])
+    out = fit.innovations
+    used = out[:, 3] != 0.0
+    rows = basis * (lasts * np.nan_to_num(amplitude) * np.exp(-0.5 * out[:, 3]))[:, None]
+    used &= np.isfinite(out[:, 1]) & np.isfinite(rows).all(axis=1)
+    ridge = np.eye(basis.shape[1]) / scales.fastest_rate
+    found = np.linalg.lstsq(
+        np.concatenate([rows[used], ridge]),
+        np.concatenate([out[used, 1], np.zeros(len(ridge))]),
+        rcond=None,
+    )[0]
+    moved = np.where(path.restart, 0.0, lasts * (basis @ found))
+    return replace(path, phasor=path.phasor * np.exp(-1j * np.cumsum(moved)))
 
 
 def _steps(fit: TrajectoryFit) -> NDArray[np.bool_]:
@@ -226,35 +206,28 @@ def _steps(fit: TrajectoryFit) -> NDArray[np.bool_]:
 
 
 def law_prior(
-    scales: GrowthScales, departure: float, size: NDArray[np.float64] | None, line: bool
+    scales: GrowthScales, line: bool, width: float = 0.0, size: ArrayLike = (0.0,) * PAPER_TERMS
 ) -> LawPrior:
     """
-    Prior of the law for a rig that departs from the paper's form by so much.
+    Prior of the law.
 
     Parameters
     ----------
     scales : GrowthScales
         Units. No mode that still oscillates grows faster than its own angular frequency.
-    departure : float
-        Scale of the further terms relative to those they belong to; 0 for the paper's form.
-    size : ndarray, shape (6,), optional
-        Coefficients of the paper's form; not needed for `departure` 0.
     line : bool
         Whether there is a line of the roller.
-
-    Returns
-    -------
-    LawPrior
+    width : float
+        Of the terms beyond the paper's form, relative to those they belong to.
+    size : array_like, shape (6,)
+        Coefficients of the form.
     """
     mean, std = np.zeros(TERMS), np.zeros(TERMS)
     std[:PAPER_TERMS] = scales.fastest_rate
     mean[FELT], std[FELT] = 1.0, 0.5 if line else 0.0
-    if departure > 0.0 and size is not None:
-        # In a series in u and w each term is about as large as the one before, less w^3 / 6.
-        amplitude = float(np.max(np.abs(size[[3, 5]])))
-        std[[6, 7, 8, 9]] = departure * np.array(
-            [amplitude, 0.3 * amplitude, abs(float(size[1])), amplitude]
-        )
+    # u x^2 and u^2 x beside the terms in x^2 and u x that they change.
+    _, _, _, cubic, mixed, quintic = np.abs(size)
+    std[[6, 7, SATURATION]] = width * np.array([max(cubic, quintic), mixed, 2.0 / 3.0])
     return LawPrior(mean, std)
 
 

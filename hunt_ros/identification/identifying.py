@@ -24,7 +24,7 @@ from hunt_ros.errors import IdentificationError
 from hunt_ros.estimation.record_lines import RecordLines
 from hunt_ros.identification.bracket import bracket_of
 from hunt_ros.identification.executors import Mapper, Tell, collected, mapper
-from hunt_ros.identification.fit import fit_laws
+from hunt_ros.identification.fit import fit_law
 from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.preparation import (
     Recording,
@@ -125,9 +125,9 @@ def identify(
             observed = observed_critical_speeds(states, kicks)
             observed = replace(observed, threshold=observed.threshold or threshold)
         path, scales = _path(runs, frequency, settings)
-        laws = fit_laws(path, scales, settings, observed.v_c)
+        fitted = fit_law(path, scales, settings, observed.v_c)
         tell(_FITTED)
-        result = conclude(Evidence(laws, runs, bracket, observed), settings, warnings)
+        result = conclude(Evidence(fitted, runs, bracket, observed), settings, warnings)
         result = replace(result, records=_given(recordings))
         if (found := result.normal_form) is not None:
             shape = _mode_shape(runs)

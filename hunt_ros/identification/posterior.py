@@ -73,7 +73,7 @@ class Posterior:
     ----------
     law : GrowthLaw
         The one chosen.
-    p : ndarray, shape (n, 11)
+    p : ndarray, shape (n, 10)
         Coefficients of each draw.
     intensity : ndarray, shape (n,)
         Noise intensity D of each, m^2/s: dA = (A g + D / A) dt + sqrt(2 D) dW; NaN where the

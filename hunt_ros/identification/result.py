@@ -63,9 +63,7 @@ class FitSummary:
     ----------
     method : str
     law : str
-        Growth law that was chosen: 'quintic', or 'quintic with shrunken terms'.
-    why : str
-        Why this law.
+        The growth law: 'quintic with saturation'.
     segments : int
         Stretches of the recordings that were used.
     initial_amplitudes : int
@@ -74,7 +72,7 @@ class FitSummary:
     residual_rms : float
         Of the one-step prediction of the amplitude, m.
     lack_of_fit : bool
-        Whether the law chosen does not fit.
+        Whether the law does not fit.
     lack_of_fit_because : sequence of str
         Why it does not; empty where it does.
     lack_of_fit_p : float
@@ -89,7 +87,6 @@ class FitSummary:
 
     method: str
     law: str
-    why: str
     segments: int
     initial_amplitudes: int
     residual_rms: float = field(metadata=key('residual_rms_m'))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.dynamics.covariance_root import covariance_root, inverse_of
-from hunt_ros.dynamics.growth_law import LINEAR, TERMS, GrowthLaw, reading
+from hunt_ros.dynamics.growth_law import LINEAR, SATURATION, TERMS, GrowthLaw, reading
 from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.likelihood.trajectory_fit import TrajectoryFit
 from hunt_ros.identification.settings import IdentificationSettings
@@ -29,13 +29,11 @@ EXISTS = 0.95
 ENOUGH_DRAWS = 10
 #: Draws that are tried for one that is kept, at most.
 _TRIES = 8
-#: Laws with less than this share of the evidence do not enter the intervals.
-_NEGLIGIBLE = 0.02
 
 
 def law_covariance(fit: TrajectoryFit) -> NDArray[np.float64]:
     """
-    Covariance of the growth law by the information of its fit, shape (11, 11).
+    Covariance of the growth law by the information of its fit, shape (10, 10).
 
     Parameters
     ----------
@@ -84,7 +82,7 @@ def _degrees(fit: TrajectoryFit) -> float:
 
 def _stretched(covariance: NDArray[np.float64], by: float) -> NDArray[np.float64]:
     """
-    Return the covariance with wider deviations of what the limit cycle tells, shape (11, 11).
+    Return the covariance with wider deviations of what the limit cycle tells, shape (10, 10).
 
     That is of the terms in w where those of the linear growth are known: a law that misses the
     limit cycle is no less right about rest.
@@ -98,19 +96,19 @@ def _stretched(covariance: NDArray[np.float64], by: float) -> NDArray[np.float64
 
 
 def draw_laws(
-    laws: Sequence[FittedLaw],
+    fitted: FittedLaw,
     settings: IdentificationSettings,
     stretch: float = 1.0,
     admissible: Callable[[GrowthLaw], bool] | None = None,
     cycle: float = 1.0,
 ) -> tuple[NDArray[np.float64], float]:
     """
-    Draw laws as the data leave them open: of each scale of departure by its share.
+    Draw laws as the data leave them open.
 
     Parameters
     ----------
-    laws : sequence of FittedLaw
-        With their weights.
+    fitted : FittedLaw
+        The law.
     settings : IdentificationSettings
         For the seed, and how well the scale of the speed is known.
     stretch : float
@@ -122,32 +120,29 @@ def draw_laws(
 
     Returns
     -------
-    p : ndarray, shape (n, 11)
+    p : ndarray, shape (n, 10)
         Student draws of the coefficients.
     rejected : float
         Share of the draws that was rejected.
     """
-    kept = [one for one in laws if one.weight >= _NEGLIGIBLE]
-    total = sum(one.weight for one in kept)
+    root = covariance_root(_stretched(law_covariance(fitted.fit), cycle))
+    degrees, generator = _degrees(fitted.fit), np.random.default_rng(settings.seed)
+    normal = generator.standard_normal((_TRIES * _DRAWS, TERMS))
+    scale = np.sqrt(degrees / generator.chisquare(degrees, len(normal)))
     drawn: list[NDArray[np.float64]] = []
     tried = 0
-    for number, one in enumerate(kept):
-        share = max(round(_DRAWS * one.weight / total), 1)
-        wanted = len(drawn) + share
-        covariance = _stretched(law_covariance(one.fit), cycle)
-        root, degrees = covariance_root(covariance), _degrees(one.fit)
-        generator = np.random.default_rng([settings.seed, number])
-        normal = generator.standard_normal((_TRIES * share, TERMS))
-        scale = np.sqrt(degrees / generator.chisquare(degrees, len(normal)))
-        for p in one.law.p + stretch * (normal * scale[:, None]) @ root.T:
-            tried += 1
-            if admissible is None or admissible(replace(one.law, p=p)):
-                drawn.append(p)
-                if len(drawn) == wanted:
-                    break
-    scales = settings.speed_scale_std * np.random.default_rng(settings.seed).standard_normal(tried)
-    told = [reading(0.0, float(scale)) @ p for p, scale in zip(drawn, scales, strict=False)]
-    return np.array(told).reshape(-1, TERMS), 1.0 - len(drawn) / max(tried, 1)
+    away = stretch * (normal * scale[:, None]) @ root.T
+    # No saturation is negative: of such a draw the other side of the fit is taken.
+    away[fitted.law.p[SATURATION] + away[:, SATURATION] < 0.0] *= -1.0
+    for p in fitted.law.p + away:
+        tried += 1
+        if admissible is None or admissible(replace(fitted.law, p=p)):
+            drawn.append(p)
+            if len(drawn) == _DRAWS:
+                break
+    scales = settings.speed_scale_std * generator.standard_normal(len(drawn))
+    told = [reading(0.0, scale) @ p for p, scale in zip(drawn, scales.tolist(), strict=True)]
+    return np.array(told).reshape(-1, TERMS), 1.0 - len(drawn) / tried
 
 
 def summary(

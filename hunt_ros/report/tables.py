@@ -223,7 +223,6 @@ def fit_quality(one: Identification) -> str:
         'criticality': one.criticality or shown(one.why('criticality')),
         'method': escape(fit.method),
         'growth law': escape(fit.law),
-        'chosen because': escape(fit.why),
         'segments used': shown(fit.segments),
         'stretches with an initial amplitude of their own': shown(fit.initial_amplitudes),
         'fit has converged': 'yes' if fit.converged else 'no',

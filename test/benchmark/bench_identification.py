@@ -217,14 +217,12 @@ def measured(arguments: Namespace, pool: Executor) -> str:
 
 
 FALLS_SHORT = (
-    'What falls short: of rigs of another make the intervals of short and of one-sided '
-    'recordings are too narrow, and so are those beside 10 % of noise; going up alone, the '
-    'rig whose conicity saturates is given a v_n that is 1 m/s too high, in 4 of 5. Exactly '
-    'the quintic form is given half of the belief beforehand, which a short recording cannot '
-    'refute. On the rig of 14 m/s v_c is 0.4 % low. The hour takes longer than its goal, and '
-    '1.5 times what 0.2.0 took beside it. On free trajectories p of the lack of fit is too '
-    'small: it is no probability there. Five staircases of five days whose gain and creep '
-    'differ by 0.5 % give v_n in 8 of 8 (6 intervals hold) and v_c 0.1 m/s low (4 hold).'
+    'What falls short: of rigs of another make v_n is within 0.6 % where a limit cycle was seen '
+    'to end, beside an interval that is too narrow in one of four, and v_c of fast ramps and '
+    'beside 10 % of noise is up to 3 % late where the conicity saturates. A supercritical rig of '
+    'ours is not called so. Of fast reversals beside a line of the roller v_c is up to 0.14 m/s '
+    'late. The hour takes longer than its goal. On free trajectories p of the lack of fit is too '
+    'small: it is no probability there.'
 )
 
 

@@ -84,15 +84,13 @@ def test_the_fold_is_that_of_the_normal_form():
 
 
 def further(*terms: float) -> GrowthLaw:
-    """Law of the paper with u w^2, w^3, u^3 and u^2 w beside it."""
+    """Law of the paper with u x^2, u^2 x and saturation beside it."""
     p = PAPER.copy()
     p[6 : 6 + len(terms)] = terms
     return GrowthLaw(p, SCALES)
 
 
-@pytest.mark.parametrize(
-    'terms', [(-2.0,), (0.0, -0.4), (0.0, 0.3), (0.5, -0.5, 2.0, 3.0), (0.0, 1e-9), (0.0, -1e-5)]
-)
+@pytest.mark.parametrize('terms', [(-2.0,), (0.0, 0.0, 0.4), (0.5, 2.0, 0.3), (0.0, 0.0, 1e-9)])
 def test_growth_vanishes_on_the_branches_and_changes_sign_as_named(terms):
     law = further(*terms)
     speeds = np.linspace(6.9, 7.7, 5)
@@ -103,10 +101,10 @@ def test_growth_vanishes_on_the_branches_and_changes_sign_as_named(terms):
         assert (sign * law.growth_rate(speeds, 1.001 * branch) > 0.0).all()
 
 
-@given(*(st.floats(-1.0, 1.0) for _ in range(4)))
+@given(*(st.floats(-1.0, 1.0) for _ in range(2)), st.floats(0.0, 1.0))
 @settings(max_examples=60, deadline=None)
-def test_the_branches_are_all_changes_of_sign_within_reach(a, b, c, d):
-    law = further(a, b, c, d)
+def test_the_branches_are_all_changes_of_sign_within_reach(a, b, c):
+    law = further(a, b, c)
     speed = 7.3
     amplitude = SCALES.amplitude * np.sqrt(np.linspace(1e-4, 8.9, 20_000))
     rate = law.growth_rate(speed, amplitude)
@@ -141,7 +139,7 @@ def test_a_critical_speed_far_beyond_the_data_is_none():
     assert GrowthLaw(lawful(there), SCALES).critical_speed == pytest.approx(2.0 * SCALES.speed)
 
 
-@pytest.mark.parametrize('terms', [(-0.5,), (0.0, -0.2), (0.3, -0.2, 1.0, 1.0)])
+@pytest.mark.parametrize('terms', [(-0.5,), (0.0, 0.0, 0.1), (0.3, 1.0, 0.05)])
 def test_the_nearest_form_keeps_both_branches_of_another_law(terms):
     law = further(*terms)
     form = normal_form_of(law, 6.6, 8.8)
@@ -157,9 +155,10 @@ def test_the_nearest_form_keeps_both_branches_of_another_law(terms):
 def test_what_one_branch_leaves_open_is_not_drawn_far_away():
     """A soft rig shows a stable branch only: it tells no four coefficients apart."""
     rng = np.random.default_rng(1)
-    soft = np.array([-0.16, 2.15, 0.06, -0.2, 0.29, -0.025, 0.0, 0.0, 0.0, 0.0, 1.0])
+    soft = np.array([-0.16, 2.15, 0.06, -0.2, 0.29, -0.025, 0.0, 0.0, 0.0, 1.0])
     rows = np.tile(soft, (200, 1))
-    rows[:, 6:10] += 0.03 * rng.standard_normal((200, 4))
+    rows[:, 6:9] += 0.03 * rng.standard_normal((200, 3))
+    rows[:, 8] = np.abs(rows[:, 8])
     forms = [normal_form_of(GrowthLaw(row, SCALES), 6.7, 8.7) for row in rows]
     vectors = np.array([IdentifiedNormalForm(form).vector for form in forms])
     exact = to_normal_form(soft[:6], SCALES)
@@ -170,7 +169,7 @@ def test_what_one_branch_leaves_open_is_not_drawn_far_away():
 
 
 def test_the_form_comes_out_of_a_law_whose_further_terms_vanish():
-    nearly = normal_form_of(further(1e-7, 1e-7, 1e-7, 1e-7), 6.0, 8.8)
+    nearly = normal_form_of(further(1e-7, 1e-7, 1e-7), 6.0, 8.8)
     for name in ('critical_speed', *COEFFICIENTS):
         expected = pytest.approx(getattr(PAPER_NORMAL_FORM, name), rel=1e-4, abs=1e-3)
         assert getattr(nearly, name) == expected
@@ -180,7 +179,7 @@ def test_no_critical_speed_where_the_growth_never_rises_through_zero():
     assert to_normal_form(np.array([-1.0, 0.0, -1.0, 1.0, 0.0, -1.0]), SCALES) is None
 
 
-@pytest.mark.parametrize('terms', [(), (0.2,), (0.2, -0.1, 0.5, 0.5)])
+@pytest.mark.parametrize('terms', [(), (0.2,), (0.2, 0.5, 0.1)])
 @pytest.mark.parametrize('felt', [1.0, 0.5])
 def test_steady_amplitudes_beside_a_line_neither_grow_nor_fade(terms, felt):
     law = further(*terms)
@@ -196,8 +195,8 @@ def test_steady_amplitudes_beside_a_line_neither_grow_nor_fade(terms, felt):
 
 
 def test_a_line_acts_through_the_mean_of_its_powers():
-    # One harmonic of (A cos a + B cos b)^n over A, averaged over the angles, n = 3, 5, 7.
-    law = further(0.0, -0.4)
+    # One harmonic of (A cos a + B cos b)^n over A, averaged over the angles, n = 3, 5.
+    law = further(0.5, 2.0)
     amplitude, line, speed = 5e-4, 2e-4, 7.3
     a, b = np.meshgrid(*2 * [np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)])
     y = (amplitude * np.cos(a) + line * np.cos(b)) / SCALES.amplitude
@@ -209,8 +208,8 @@ def test_a_line_acts_through_the_mean_of_its_powers():
 
     u = float(law.detuning(speed))
     p = law.p
-    expected = float(law.linear(u)) + (p[3] + p[4] * u) * power(3) + p[5] * power(5)
-    expected += p[7] * power(7)
+    expected = float(law.linear(u)) + (p[3] + p[4] * u + p[7] * u**2) * power(3)
+    expected += (p[5] + p[6] * u) * power(5)
     assert float(law.growth_rate(speed, amplitude, line**2)) == pytest.approx(expected, rel=1e-9)
 
 
@@ -220,7 +219,7 @@ def test_the_stable_branch_is_continuous_across_the_critical_speed():
     compared = 0
     for _ in range(1000):
         p = PAPER * (1.0 + 0.2 * rng.standard_normal(PAPER.size))
-        p[6:10] = rng.standard_normal(4) * [2.0, 0.3 * abs(p[5]), 0.3, 2.0]
+        p[6:9] = np.array([2.0, 2.0, 0.3]) * [*rng.standard_normal(2), rng.random()]
         law = GrowthLaw(p, SCALES)
         v_c = law.critical_speed
         if v_c is None or law.criticality != 'subcritical':

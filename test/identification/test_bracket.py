@@ -11,6 +11,7 @@ from foreign_made import RECORDINGS, RIGS
 from made import LAW, up_and_down
 from records_made import rig_settings
 
+from hunt_ros.dynamics.growth_law import TERMS
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import simulate
@@ -121,11 +122,11 @@ def test_a_kick_is_no_jump(make):
 def test_a_law_that_contradicts_what_was_seen_is_named(make):
     seen = seen_in(*kicked_holds(make, 1))
     assert refutations(LAW, seen) == []
-    low = replace(LAW, p=LAW.p + np.array([1.0, *np.zeros(10)]))
+    low = replace(LAW, p=LAW.p + np.array([1.0, *np.zeros(TERMS - 1)]))
     assert any(
         'small motion grows' in line and '7.2 m/s' in line for line in refutations(low, seen)
     )
-    high = replace(LAW, p=LAW.p - np.array([3.0, *np.zeros(10)]))
+    high = replace(LAW, p=LAW.p - np.array([3.0, *np.zeros(TERMS - 1)]))
     assert any('there is no limit cycle' in line for line in refutations(high, seen))
     assert not any(contradicts(LAW, event) for event in seen.events)
 

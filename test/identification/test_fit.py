@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from foreign_made import RECORDINGS, RIGS
 from made import LAW
 
 from hunt_ros.analysis.steady_state import SteadyState
-from hunt_ros.dynamics.growth_law import QUINTIC, GrowthLaw, GrowthScales, from_normal_form, lawful
+from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, from_normal_form, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.identification import IdentificationSettings, identify
-from hunt_ros.identification.fit import DEPARTURES, _evidence, fit_laws, law_prior
+from hunt_ros.identification.fit import fit_law, law_prior
 from hunt_ros.identification.identifying import _distinct, _path
 from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.spreads import learnt
@@ -39,31 +40,25 @@ def runs_of(records, settings) -> list[Run]:
 def fitted(records):
     runs = runs_of(records['trajectories'], SETTINGS)
     path, scales = _path(runs, 2.835, SETTINGS)
-    return fit_laws(path, scales, SETTINGS, None), runs
-
-
-def test_the_law_that_made_the_data_has_the_most_evidence(fitted):
-    laws, _ = fitted
-    assert laws[0].law.name == QUINTIC
-    assert sum(one.weight for one in laws) == pytest.approx(1.0)
+    return fit_law(path, scales, SETTINGS, None), runs
 
 
 def test_draws_are_reproducible_and_scatter_as_the_covariance_says(fitted):
-    laws, _ = fitted
-    one = draw_laws(laws[:1], SETTINGS)[0]
-    again = draw_laws(laws[:1], SETTINGS)[0]
-    np.testing.assert_array_equal(one, again)
-    varied = laws[0].prior.std > 0.0
-    spread = np.std(one, axis=0)[varied]
-    expected = np.sqrt(np.diag(law_covariance(laws[0].fit)))[varied]
-    np.testing.assert_allclose(spread, expected, rtol=0.25)
+    one, _ = fitted
+    drawn, again = (draw_laws(one, SETTINGS)[0] for _ in range(2))
+    np.testing.assert_array_equal(drawn, again)
+    expected = np.sqrt(np.diag(law_covariance(one.fit)))
+    varied = expected > 0.0
+    spread, expected = np.std(drawn, axis=0)[varied], expected[varied]
+    # Wider than chance would have them: no saturation is drawn that is negative.
+    np.testing.assert_allclose(spread, expected, rtol=0.4)
 
 
 def test_draws_that_no_rig_can_be_are_rejected_and_counted(fitted):
-    laws, _ = fitted
-    every, none = draw_laws(laws[:1], SETTINGS)
+    one, _ = fitted
+    every, none = draw_laws(one, SETTINGS)
     middle = np.median(every[:, 1])
-    some, rejected = draw_laws(laws[:1], SETTINGS, admissible=lambda law: law.p[1] > middle)
+    some, rejected = draw_laws(one, SETTINGS, admissible=lambda law: law.p[1] > middle)
     assert none == 0.0
     assert len(some) == len(every)
     assert (some[:, 1] > middle).all()
@@ -71,10 +66,9 @@ def test_draws_that_no_rig_can_be_are_rejected_and_counted(fitted):
 
 
 def test_a_limit_cycle_that_is_missed_widens_the_branch_and_leaves_the_critical_speed(fitted):
-    laws, _ = fitted
+    one, _ = fitted
     usual, wide = (
-        GrowthLaw(draw_laws(laws[:1], SETTINGS, cycle=cycle)[0], laws[0].law.scales)
-        for cycle in (1.0, 3.0)
+        GrowthLaw(draw_laws(one, SETTINGS, cycle=cycle)[0], one.law.scales) for cycle in (1.0, 3.0)
     )
     v_c, fold = (
         [np.nanstd(of(one)) for one in (usual, wide)]
@@ -91,11 +85,11 @@ def test_deviations_are_stretched_by_what_is_beyond_chance():
 
 
 def test_no_transient_of_the_law_itself_is_missed_and_those_of_another_are(fitted):
-    laws, runs = fitted
-    missed, count = missed_transients(laws[0], runs)
+    one, runs = fitted
+    missed, count = missed_transients(one, runs)
     assert count >= 10
     assert missed == 0
-    wrong = replace(laws[0], law=replace(laws[0].law, p=-laws[0].law.p))
+    wrong = replace(one, law=replace(one.law, p=-one.law.p))
     missed, count = missed_transients(wrong, runs)
     assert missed > 0.8 * count
 
@@ -106,13 +100,13 @@ def test_a_fall_and_a_rise_with_rest_between_are_two_transients(fitted, make):
     (run,), _ = runs_in(Recording(record, 1, SETTINGS), 2.835, 0.0)
     ends = [run.envelope.start_ns, run.envelope.start_ns + 90 * 10**9]
     whole = Segment('transient', 'a', *ends, 8.4, 8.6, True, '')
-    law = replace(fitted[0][0], law=LAW)
+    law = replace(fitted[0], law=LAW)
     assert missed_transients(law, [replace(run, segments=[whole])]) == (0, 2)
 
 
 def test_a_limit_cycle_that_the_law_does_not_follow_is_a_lack_of_fit(fitted):
-    laws, _ = fitted
-    law = laws[0].law
+    one, _ = fitted
+    law = one.law
     rng = np.random.default_rng(0)
     speeds = np.linspace(6.8, 9.0, 20)
     right = law.steady_amplitudes(speeds)[1] * (1.0 + 0.002 * rng.standard_normal(20))
@@ -129,22 +123,22 @@ def test_a_limit_cycle_that_the_law_does_not_follow_is_a_lack_of_fit(fitted):
 
 
 def test_recordings_with_gains_of_their_own_give_the_law_of_all(fitted):
-    laws, runs = fitted
+    one, runs = fitted
     path, scales = _path(runs, 2.835, SETTINGS)
-    alike = laws[0].fit
+    alike = one.fit
     assert (alike.spread[:3] < 2e-3).all()
     odd = path.recording % 2 == 1
     mixed = replace(path, phasor=np.where(odd, 1.02, 1.0) * path.phasor)
-    found = fit_laws(mixed, scales, SETTINGS, None)[0]
+    found = fit_law(mixed, scales, SETTINGS, None)
     gain = found.fit.own[:, 0]
     # Those that reach the limit cycle tell their gain, the others nothing.
     assert 0.5 * np.log(1.02) < np.mean(gain[1::2]) - np.mean(gain[::2]) < 1.1 * np.log(1.02)
     assert 0.005 < found.fit.spread[0] < 0.02
     # A gain is no speed: what the speeds tell is told as well.
-    assert found.law.critical_speed == pytest.approx(laws[0].law.critical_speed, abs=0.01)
-    assert found.law.saddle_node(5.0) == pytest.approx(laws[0].law.saddle_node(5.0), abs=0.01)
-    ratio = critical_speed_bound(found) / critical_speed_bound(laws[0])
-    assert ratio == pytest.approx(1.0, abs=0.25)
+    assert found.law.critical_speed == pytest.approx(one.law.critical_speed, abs=0.01)
+    assert found.law.saddle_node(5.0) == pytest.approx(one.law.saddle_node(5.0), abs=0.01)
+    ratio = critical_speed_bound(found) / critical_speed_bound(one)
+    assert ratio == pytest.approx(1.0, abs=0.4)
 
 
 @pytest.mark.parametrize(('gains', 'noise'), [((np.nan, 1.0), 1e-3), ((1.0, 1e3), 1e-4)])
@@ -165,7 +159,7 @@ def test_a_recording_without_a_usable_piece_or_in_another_unit_breaks_nothing(ga
     )
     scales = GrowthScales(PAPER_NORMAL_FORM.critical_speed, 3e-3, 0.0485, 1.0 / 25.91, 2.84)
     law = lawful(from_normal_form(PAPER_NORMAL_FORM, scales))
-    prior = law_prior(scales, 0.0, None, False)
+    prior = law_prior(scales, False)
     for sign in (1.0, -1.0, 0.0):
         start = np.concatenate([sign * law, [0.0, 0.0, -8.0, -9.0, -6.0]])
         fit = learnt(path, fit_path(path, start, prior, (), 20), prior, ())
@@ -207,21 +201,8 @@ def test_priors_pull_and_are_not_needed(records):
     assert d1.value == pytest.approx(PAPER_NORMAL_FORM.D1, abs=5e-4)
 
 
-def test_a_noise_that_vanishes_beside_a_law_is_no_evidence_for_it(fitted):
-    laws, _ = fitted
-    fit, prior = laws[0].fit, laws[0].prior
-    information = fit.information.copy()
-    information[-1, :] = information[:, -1] = 0.0
-    information[-1, -1] = 1e-9
-    gone = replace(fit, information=information)
-    # The same likelihood: the logarithm of a noise that is not seen decides nothing.
-    gain = _evidence(gone, prior) - _evidence(fit, prior)
-    seen = fit.information[-1, -1]
-    assert gain < 0.5 * np.log1p(seen * 4.6**2) + 0.5
-
-
 def test_a_state_that_lingers_below_the_fold_is_no_lack_of_fit(fitted):
-    law = fitted[0][0].law
+    law = fitted[0].law
     fold = law.saddle_node(5.0)
     speeds = np.linspace(1.05 * fold, 8.8, 12)
     amplitude = law.steady_amplitudes(speeds)[1]
@@ -247,17 +228,24 @@ def test_a_soft_onset_blurred_by_noise_is_no_lack_of_fit(make):
         assert result.v_c.low < 8.0 < result.v_c.high
 
 
-def test_the_evidence_does_not_hang_on_the_unit_of_time(fitted):
-    laws, _ = fitted
-    path, scales = laws[0].path, laws[0].law.scales
-    # The same motion ten times slower: its rates have another size, its departure has none.
+def test_the_law_does_not_hang_on_the_unit_of_time(fitted):
+    path, scales = fitted[0].path, fitted[0].law.scales
+    one = fit_law(path, scales, SETTINGS, None)
+    # The same motion ten times slower: its rates have another size, and nothing else has.
     path = replace(path, time=10.0 * path.time, blur=100.0 * path.blur, reach=10.0 * path.reach)
     scales = replace(scales, time_scale=10.0 * scales.time_scale, frequency_hz=0.1 * 2.835)
-    slow = fit_laws(path, scales, SETTINGS, None)
+    slow = fit_law(path, scales, SETTINGS, None)
+    off = (slow.law.critical_speed - one.law.critical_speed) / critical_speed_bound(one)
+    assert abs(off) < 0.2
+    assert critical_speed_bound(slow) == pytest.approx(critical_speed_bound(one), rel=0.1)
 
-    def evidence(fits):
-        """Log evidence of each departure less that of none."""
-        found = {one.departure: _evidence(one.fit, one.prior) for one in fits}
-        return np.array([found[departure] - found[0.0] for departure in DEPARTURES])
 
-    np.testing.assert_allclose(evidence(slow), evidence(laws), atol=0.5)
+def test_a_passage_of_a_rig_whose_conicity_saturates_holds_its_critical_speed():
+    """A polynomial in A^2 does not follow such a rig: one interval of three held v_c."""
+    rig = RIGS['conicity that saturates']
+    passages = [RECORDINGS['ramps of two minutes'](rig, seed) for seed in range(4)]
+    found = [identify(passage, IdentificationSettings(**rig.told)) for passage in passages]
+    assert sum(one.v_c is not None and one.v_c.low < rig.v_c < one.v_c.high for one in found) >= 3
+    off = [abs(one.v_n.value / rig.v_n - 1.0) for one in found if one.v_n is not None]
+    assert sum(each < 0.005 for each in off) >= 3
+    assert all(one.criticality == 'subcritical' for one in found)

@@ -20,7 +20,7 @@ from hunt_ros.identification.record.envelope import (
 
 RATE_HZ, SECONDS, FREQUENCY_HZ, NOISE, UNIT = 100.0, 500.0, 2.75, 5e-6, 1e-4
 #: One growth rate, and nothing else of the law.
-PRIOR = LawPrior(lawful(np.zeros(6)), np.array([20.0, *np.zeros(10)]))
+PRIOR = LawPrior(lawful(np.zeros(6)), np.array([20.0, *np.zeros(9)]))
 
 
 def quiet_motion(damping: float, rng: np.random.Generator) -> np.ndarray:

@@ -72,18 +72,18 @@ def damping_correction(
 
     Parameters
     ----------
-    theta : ndarray, shape (16,)
+    theta : ndarray, shape (15,)
         Law and noise at the maximum.
     path : Path
         The measured envelope.
-    derivative : ndarray, shape (16, n, 2)
+    derivative : ndarray, shape (15, n, 2)
         Of the whitened innovations by theta.
-    information : ndarray, shape (16, 16)
+    information : ndarray, shape (15, 15)
         Fisher information, with the priors.
 
     Returns
     -------
-    ndarray, shape (11,)
+    ndarray, shape (10,)
 
     References
     ----------

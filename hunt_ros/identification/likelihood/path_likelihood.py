@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.compiled import B1, F1, F2, F3, I1, compiled, compiled_part
-from hunt_ros.dynamics.growth_law import TERMS, powers_of_w, terms_at
+from hunt_ros.dynamics.growth_law import TERMS, growth_at, terms_at
 from hunt_ros.identification.likelihood.path import Path
 
 #: Number of parameters behind those of the law: how ln Q changes with u and with w, then
@@ -52,9 +52,8 @@ def _propagate(
     of both by the first ln A; rows 0 and 1 of `work` are filled with those by the coefficients.
     """
     w = min(math.exp(2.0 * log_amplitude), _LARGEST)
-    c0, c1, c2, c3 = powers_of_w(p, u0, line)
-    rate = c0 + (c1 + (c2 + c3 * w) * w) * w
-    fastest = abs(2.0 * w * (c1 + (2.0 * c2 + 3.0 * c3 * w) * w)) + 2.0 * abs(rate)
+    rate, by_w, _ = growth_at(p, u0, w, line)
+    fastest = abs(2.0 * w * by_w) + 2.0 * abs(rate)
     count = int(min(max(math.ceil(dt * fastest / _STEP), 2.0), 60.0))
     h = dt / count
     du = (u1 - u0) / count
@@ -82,20 +81,16 @@ def _propagate(
         for stage in range(4):
             lead = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
             share = 1.0 if stage == 0 or stage == 3 else 2.0
-            if stage != 2:
-                at = u0 + (i + (0.0 if stage == 0 else (1.0 if stage == 3 else 0.5))) * du
-                c0, c1, c2, c3 = powers_of_w(p, at, line)
+            at = u0 + (i + (0.0 if stage == 0 else (1.0 if stage == 3 else 0.5))) * du
             here = start + lead * k
             inside = 1e-18 < here < _LARGEST
             here = min(max(here, 0.0), _LARGEST)
-            g = c0 + (c1 + (c2 + c3 * here) * here) * here
-            gw = c1 + (2.0 * c2 + 3.0 * c3 * here) * here
+            g, gw, gww = growth_at(p, at, here, line)
             dk_before = dk
             k = 2.0 * here * g
             moved += share * k
             bent += share * 2.0 * here * gw
             if sensitive:
-                gww = 2.0 * c2 + 6.0 * c3 * here
                 by_w = 2.0 * (g + here * gw)
                 bent_by_w = 2.0 * (gw + here * gww)
                 d_here = d_start + lead * dk_before if inside else 0.0
@@ -140,15 +135,12 @@ def _blurred(
     Also its derivative by the amplitude; those by the coefficients fill row 0 of `work`.
     """
     w = min(amplitude * amplitude, _LARGEST)
-    c0, c1, c2, c3 = powers_of_w(p, u, line)
-    rate = c0 + (c1 + (c2 + c3 * w) * w) * w
-    by_w = c1 + (2.0 * c2 + 3.0 * c3 * w) * w
+    rate, by_w, twice = growth_at(p, u, w, line)
     both = rate + 2.0 * w * by_w
     bend = 0.5 * blur * rate * both
     by_amplitude = 0.0
     if sensitive:
         if -0.3 < bend < 0.5:
-            twice = 2.0 * c2 + 6.0 * c3 * w
             change = by_w * both + rate * (3.0 * by_w + 2.0 * w * twice)
             by_amplitude = 0.5 * blur * change * 2.0 * amplitude
             terms_at(p, u, w, line, work[5], work[6])
@@ -400,7 +392,7 @@ def innovations(theta: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
 
     Parameters
     ----------
-    theta : ndarray, shape (11 + 5,)
+    theta : ndarray, shape (10 + 5,)
         Growth law p, then d ln Q / du and d ln Q / dw, ln Q and ln R (in units of
         A_ref^2 / s and A_ref^2) and the log of the phase noise (rad^2 / s).
     path : Path
@@ -423,17 +415,17 @@ def sensitivities(
 
     Parameters
     ----------
-    theta : ndarray, shape (16,)
+    theta : ndarray, shape (15,)
         Growth law and noise.
     path : Path
         The measured envelope.
-    free : ndarray of bool, shape (16,)
+    free : ndarray of bool, shape (15,)
         Parameters by which the derivatives are wanted.
 
     Returns
     -------
     out : ndarray, shape (n, 4)
-    by : ndarray, shape (16, n, 4)
+    by : ndarray, shape (15, n, 4)
         Zeros for what is not free.
     """
     lanes = np.flatnonzero(free).astype(np.int64)

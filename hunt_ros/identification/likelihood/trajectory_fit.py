@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.dynamics.covariance_root import inverse_of
-from hunt_ros.dynamics.growth_law import FELT, PAPER_TERMS, TERMS, reading
+from hunt_ros.dynamics.growth_law import FELT, PAPER_TERMS, SATURATION, TERMS, reading
 from hunt_ros.identification.likelihood.damping_bias import damping_correction
 from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.path_likelihood import (
@@ -68,7 +68,7 @@ class LawPrior:
 
     Parameters
     ----------
-    mean, std : ndarray, shape (11,)
+    mean, std : ndarray, shape (10,)
         1/s; a coefficient with std 0 is held at its mean.
     """
 
@@ -83,16 +83,16 @@ class TrajectoryFit:
 
     Parameters
     ----------
-    theta : ndarray, shape (11 + 5,)
+    theta : ndarray, shape (10 + 5,)
         Law, then the noise as in `path_likelihood.innovations`.
-    information : ndarray, shape (16, 16)
+    information : ndarray, shape (15, 15)
         Fisher information, with the priors; what the recordings have of their own is unknown.
     log_likelihood : float
         With the priors, and the mean over what the recordings have of their own.
     innovations : ndarray, shape (n, 4)
     remaining : float
         Gain of the log likelihood that the last step still promises, within the bounds.
-    correction : ndarray, shape (11,)
+    correction : ndarray, shape (10,)
         What to add to the law for the bias of the damping of its quiet motion.
     own : ndarray, shape (recordings, 5)
         What each recording has of its own: logarithms of measured over true amplitude and of
@@ -129,11 +129,12 @@ class TrajectoryFit:
     def law(self) -> NDArray[np.float64]:
         """Coefficients of the growth law, freed from the bias of the damping."""
         law: NDArray[np.float64] = self.theta[:-NOISE_TERMS] + self.correction
+        law[SATURATION] = max(law[SATURATION], 0.0)
         return law
 
 
 def as_read(theta: Array, own: Array) -> Array:
-    """Return law and noise as the readings of a recording have them, shape (16,)."""
+    """Return law and noise as the readings of a recording have them, shape (15,)."""
     gain, speed, shift, push, noise = own.tolist()
     read: Array = theta.copy()
     read[0] -= shift * theta[1]
@@ -150,7 +151,7 @@ def as_read(theta: Array, own: Array) -> Array:
 
 
 def _derivatives(theta: Array, own: Array) -> Array:
-    """Return those of `as_read` by theta and by what the recording has, shape (16, 16 + 4)."""
+    """Return those of `as_read` by theta and by what the recording has, shape (15, 15 + 5)."""
     matrix = np.zeros((theta.size, theta.size + OWN))
     matrix[:TERMS, :TERMS] = reading(own[0], own[1])
     matrix[:TERMS, 1] -= own[2] * matrix[:TERMS, 0]
@@ -223,7 +224,7 @@ class Problem:
 
     @property
     def varied(self) -> NDArray[np.bool_]:
-        """Parameters that are not held at the mean of their prior, shape (16,)."""
+        """Parameters that are not held at the mean of their prior, shape (15,)."""
         varied: NDArray[np.bool_] = np.concatenate([self.std > 0.0, np.ones(3, dtype=bool)])
         return varied
 
@@ -275,9 +276,9 @@ class Problem:
             # Chain rule on the sums over windows: what a window says is never widened itself.
             e, d_e, d_l = out[:, :2], by_read[..., :2], by_read[..., 2:]
             point = (-np.einsum('jnc,nc->j', d_e, e) - 0.5 * d_l.sum(axis=(1, 2))) @ way
-            mean = (d_e + 0.5 * e[None] * d_l).reshape(n, -1)
             wide = d_l.reshape(n, -1)
             with np.errstate(over='ignore', invalid='ignore'):  # of a law that runs away
+                mean = (d_e + 0.5 * e[None] * d_l).reshape(n, -1)
                 whole = way.T @ (mean @ mean.T + 0.5 * wide @ wide.T) @ way
             if self.differ:
                 slopes[r] = point[n:] - one / self.spread**2
@@ -347,6 +348,7 @@ def _bounds() -> tuple[Array, Array]:
     low[-NOISE_TERMS:] = *(-_STEEPEST), *np.full(3, _LOG_LOW)
     high[-NOISE_TERMS:] = *_STEEPEST, *np.full(3, _LOG_HIGH)
     low[FELT], high[FELT] = 0.0, _MOST_FELT
+    low[SATURATION] = 0.0
     return low, high
 
 
@@ -385,7 +387,7 @@ def fit_path(
     ----------
     path : Path
         The measured envelope.
-    start : ndarray, shape (16,)
+    start : ndarray, shape (15,)
         Law and noise to start from.
     prior : LawPrior
         What is known of the coefficients beforehand; those with no deviation are held.
@@ -435,8 +437,8 @@ def fit_path(
             step = np.zeros(theta.size)
             step[free] = np.linalg.solve(matrix, gradient[free])
             # A law an order away from the last one has left the hill it was climbing.
-            size = np.maximum(np.abs(theta[:FELT]), 0.05 * prior.std[:FELT])
-            longest = np.max(np.abs(step[:FELT]) / np.where(size > 0.0, size, np.inf))
+            size = np.maximum(np.abs(theta[:SATURATION]), 0.05 * prior.std[:SATURATION])
+            longest = np.max(np.abs(step[:SATURATION]) / np.where(size > 0.0, size, np.inf))
             step *= min(1.0, 0.7 / longest) if longest > 0.0 else 1.0
             step[-3:] = np.clip(step[-3:], -3.0, 2.0)
             trial = np.clip(theta + step, low, high)
@@ -453,7 +455,8 @@ def fit_path(
                     if not beyond < value - 0.1 * _GAIN:
                         break
                     trial, value, moved = further, beyond, more
-                stalled = current.value - value < 0.1 * _GAIN
+                # A short step gains little: only a full one that does so has nothing left to gain.
+                stalled = current.value - value < 0.1 * _GAIN and damping <= 1e-3
                 theta, own = trial, own + moved
                 damping = max(damping / 8.0, 1e-9)
                 current = problem.expand(theta, own)

@@ -104,7 +104,7 @@ def lack_of_fit(
     noise : ndarray, shape (5,), optional
         Forcing found beside the law: the states are then compared with the mean amplitude
         of the forced motion, which near a critical speed is not that of the branch.
-    covariance : ndarray, shape (11, 11), optional
+    covariance : ndarray, shape (10, 10), optional
         Of the law's coefficients, where it was fitted to these states: by the likelihood.
 
     Returns

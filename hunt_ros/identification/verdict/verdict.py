@@ -90,9 +90,9 @@ _NEEDS: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Everything the verdict is drawn from; the first law is the one to be given."""
+    """Everything the verdict is drawn from."""
 
-    laws: Sequence[FittedLaw]
+    fitted: FittedLaw
     runs: Sequence[Run]
     bracket: Bracket
     observed: ObservedCriticalSpeeds
@@ -114,7 +114,7 @@ class Evidence:
 
     def alike(self) -> Evidence:
         """Return it with the recordings brought to one gain and one scale of the speed."""
-        best = self.laws[0]
+        best = self.fitted
         ends = np.cumsum([run.envelope.time.size for run in self.runs])
         own = np.split(best.fit.own[best.path.recording, :2], ends[:-1])
         given = [np.exp(one.mean(axis=0)).tolist() for one in own]
@@ -159,16 +159,16 @@ def conclude(
     Identification
         Every null of its JSON has its reason.
     """
-    best = evidence.laws[0]
+    best = evidence.fitted
     alike = evidence.alike()
     misfit = misfit_of(best, alike.hunting)
-    failed = _misfits(best, evidence, alike, misfit, warnings)
+    failed = _misfits(evidence, alike, misfit, warnings)
     lacks = [failed[name] for name in ('fits', 'believed', 'agree') if name in failed]
     # A misfit is a systematic error: of all, in its proportion, where it is large, and of what the
     # limit cycle tells, against chance, where it is seen at all.
     stretch = 1.0 + min(misfit.share / 0.01, 10.0) if lacks else 1.0
     cycle = 1.0 if lacks else misfit.stretch
-    drawn, rejected = draw_laws(evidence.laws, settings, stretch, _admissible(evidence), cycle)
+    drawn, rejected = draw_laws(best, settings, stretch, _admissible(evidence), cycle)
     if rejected > _MANY:
         warnings.append(
             f'{100.0 * rejected:.0f} % of the laws around the fit are of no rig, or contradict'
@@ -246,7 +246,7 @@ def _admissible(evidence: Evidence) -> Callable[[GrowthLaw], bool] | None:
 
     Growth from rest rises with the speed over the data, and what was seen stands.
     """
-    chosen, seen = evidence.laws[0].law, tuple(evidence.bracket.why.values())
+    chosen, seen = evidence.fitted.law, tuple(evidence.bracket.why.values())
     speeds = chosen.detuning(np.linspace(*evidence.speeds, 9))
 
     def admissible(law: GrowthLaw) -> bool:
@@ -272,21 +272,14 @@ def _intensity(best: FittedLaw, count: int, seed: int) -> NDArray[np.float64]:
 
 
 def _misfits(
-    best: FittedLaw, evidence: Evidence, alike: Evidence, misfit: LackOfFit, warnings: list[str]
+    evidence: Evidence, alike: Evidence, misfit: LackOfFit, warnings: list[str]
 ) -> dict[str, str]:
     """Conditions that a law fails by what it misses: 'believed', 'agree', 'fits', 'near'."""
-    name, failed = best.law.name, {}
-    astray = _astray(best, alike)
+    failed = {}
+    astray = _astray(evidence.fitted, alike)
     if astray:
         failed['believed'] = astray
         warnings.append(f'lack of fit: {astray}')
-    # The paper's form may miss what a richer one follows: that too is to be known.
-    quintic = next(misfit_of(one, alike.hunting) for one in evidence.laws if one.departure == 0.0)
-    if quintic.flagged and not misfit.flagged:
-        warnings.append(
-            f'lack of fit of the quintic form ({100.0 * quintic.share:.1f} %); further terms are'
-            ' let in, and D7, D10, D15 are effective coefficients'
-        )
     if against := contradictions(evidence.hunting):
         failed['agree'] = against
         warnings.append(against)
@@ -294,7 +287,7 @@ def _misfits(
         share = f'{100.0 * misfit.share:.1f} %'
         failed['fits'] = f'lack of fit of the law ({share})'
         warnings.append(
-            f'lack of fit: the {name} law misses the limit cycle by {share}'
+            f'lack of fit: the law misses the limit cycle by {share}'
             f' (p = {misfit.p:.1g}); no fold is claimed'
         )
         if misfit.share > _FAR_OFF:
@@ -304,22 +297,21 @@ def _misfits(
 
 def _astray(best: FittedLaw, evidence: Evidence) -> str:
     """Why nothing is read from a law; '' where it is believed."""
-    name = best.law.name
     if not best.fit.converged:
         return (
-            f'the fit of the {name} law has not converged (a gain of the log likelihood of'
+            'the fit of the law has not converged (a gain of the log likelihood of'
             f' {best.fit.remaining:.2g} is still in reach): nothing is read from it'
         )
     missed, transients = missed_transients(best, evidence.runs)
     if stats.binom.sf(missed - 1, transients, _STRAYS) < _BY_CHANCE:
-        return f'{missed} of {transients} free transients go another way than the {name} law says'
+        return f'{missed} of {transients} free transients go another way than the law says'
     if refuted := refutations(best.law, evidence.bracket):
-        return f'the {name} law contradicts what was seen: {refuted[0]}'
+        return f'the law contradicts what was seen: {refuted[0]}'
     # Growth that ends again inside the data is a parabola's, and no rig's.
     other, (low, high) = best.law.other_root, evidence.speeds
     if other is not None and low < other < high:
         return (
-            f'the linear growth rate of the {name} law falls through zero again at'
+            'the linear growth rate of the law falls through zero again at'
             f' {other:.3g} m/s, inside the speeds of the data'
         )
     return ''
@@ -402,9 +394,10 @@ def _unsupported(
             f' {seen_from:.4g} m/s on, and not to end'
         )
     shaped = law.criticality != 'supercritical' and not failed.keys() & set(_CUBIC)
-    if shaped and size > _BEYOND * top:
+    largest = np.nanmax(law.steady_amplitudes(np.linspace(low, high, 41))[1], initial=0.0)
+    if shaped and largest > _BEYOND * top:
         warnings.append(
-            f'the limit cycle ({size:.2g} m at v_c) is a forecast: no amplitude above {top:.2g} m'
+            f'the limit cycle (to {largest:.2g} m) is a forecast: no amplitude above {top:.2g} m'
             ' was measured'
         )
     return failed
@@ -469,15 +462,13 @@ def _limit(law: GrowthLaw, fastest: float) -> float:
 
 def _summary(evidence: Evidence, misfit: LackOfFit, lacks: Sequence[str]) -> FitSummary:
     """Return how the best law was fitted, and how well it fits."""
-    best = evidence.laws[0]
+    best = evidence.fitted
     inside = best.fit.innovations
     used = (inside[:, 0] * np.exp(0.5 * inside[:, 2]))[inside[:, 2] != 0.0]
     rms = float(np.sqrt(np.mean(used**2))) if used.size else math.nan
-    paper = sum(one.weight for one in evidence.laws if one.departure == 0.0)
     return FitSummary(
         method='trajectory likelihood',
         law=best.law.name,
-        why=f"share of the evidence: the paper's form {paper:.2g}, further terms {1 - paper:.2g}",
         segments=sum(segment.used for segment in evidence.segments),
         initial_amplitudes=int(best.path.starts.sum()),
         residual_rms=best.law.scales.amplitude * rms,

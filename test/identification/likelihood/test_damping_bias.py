@@ -10,7 +10,7 @@ from hunt_ros.identification.likelihood.trajectory_fit import LawPrior, fit_path
 
 STEP, HOLD_S, DAMPING, FORCING = 0.5, 25.0, 0.35, 3e-3
 #: A growth rate that may change with u, and nothing else of the law.
-PRIOR = LawPrior(lawful(np.zeros(6)), np.array([20.0, 20.0, *np.zeros(9)]))
+PRIOR = LawPrior(lawful(np.zeros(6)), np.array([20.0, 20.0, *np.zeros(8)]))
 
 
 def forced(rng: np.random.Generator, seconds: float) -> np.ndarray:

@@ -93,7 +93,7 @@ def test_noise_shared_by_overlapping_windows_is_told_from_motion():
     assert np.mean(apart[1:, 0] * apart[:-1, 0]) > 0.07
 
 
-@pytest.mark.parametrize('more', [(), (0.3, -0.2, 0.4, 0.5)], ids=['paper', 'further terms'])
+@pytest.mark.parametrize('more', [(), (0.3, 0.4, 0.2)], ids=['paper', 'further terms'])
 @pytest.mark.parametrize('felt', [1.0, 0.6])
 def test_a_line_beside_hunting_acts_in_the_likelihood_as_in_the_law(more, felt):
     p = LAW.copy()
@@ -136,7 +136,7 @@ def test_the_derivatives_are_those_of_the_innovations():
         line=0.01 * (1.0 + np.cos(np.arange(n) / 9.0)),
     )
     law = LAW.copy()
-    law[6:] = 0.3, -0.2, 0.5, 0.4, 0.8
+    law[6:] = 0.3, 0.4, 0.2, 0.8
     theta = np.concatenate([law, [0.3, -0.2, -4.0, -7.0, -5.0]])
     out, by = sensitivities(theta, path, np.ones(theta.size, dtype=bool))
     np.testing.assert_allclose(out, innovations(theta, path), rtol=1e-12)

@@ -11,7 +11,7 @@ from records_made import held_speeds
 from scipy import stats
 
 from hunt_ros.analysis.steady_state import SteadyState
-from hunt_ros.dynamics.growth_law import from_normal_form, lawful
+from hunt_ros.dynamics.growth_law import TERMS, from_normal_form, lawful
 from hunt_ros.dynamics.normal_form import NormalForm
 from hunt_ros.identification import identify
 from hunt_ros.identification.verdict.lack_of_fit import lack_of_fit
@@ -46,7 +46,7 @@ def probabilities() -> np.ndarray:
         states = [
             SteadyState(v, a, 1e-6, 'up', 70) for v, a in zip(SPEEDS, amplitude, strict=True)
         ]
-        held = np.pad(covariance, (0, 5))
+        held = np.pad(covariance, (0, TERMS - 6))
         found.append(lack_of_fit(replace(LAW, p=lawful(p)), states, None, held).p)
     return np.array(found)
 
@@ -91,7 +91,7 @@ def test_an_amplitude_that_lags_behind_a_ramp_is_no_lack_of_fit() -> None:
         # As if it stood still, it is where no limit cycle of the law is.
         assert lack_of_fit(law, [replace(one, growth_rate=0.0) for one in states]).flagged
         # Another law is found out also in motion.
-        other = replace(law, p=law.p * np.array([1, 1, 1, 1.2, 1, 1, 1, 1, 1, 1, 1]))
+        other = replace(law, p=law.p * np.array([1, 1, 1, 1.2, 1, 1, 1, 1, 1, 1]))
         assert lack_of_fit(other, states).flagged
     assert flagged <= 1
 
@@ -125,4 +125,6 @@ def test_a_limit_cycle_that_no_form_follows_does_not_bend_the_critical_speed() -
     for wave, seeds in ((0.0, range(2)), (0.012, range(2))):
         for seed in seeds:
             result = identify([_stairs(seed, wave)])
-            assert abs(result.v_c.value - 8.0) < 3.0 * result.v_c.std
+            told = result.v_c is not None
+            assert told or wave > 0.0
+            assert not told or abs(result.v_c.value - 8.0) < 3.0 * result.v_c.std
