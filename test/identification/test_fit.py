@@ -49,9 +49,9 @@ def test_draws_are_reproducible_and_scatter_as_the_covariance_says(fitted):
     np.testing.assert_array_equal(drawn, again)
     expected = np.sqrt(np.diag(law_covariance(one.fit)))
     varied = expected > 0.0
-    spread, expected = np.std(drawn, axis=0)[varied], expected[varied]
-    # Wider than chance would have them: no saturation is drawn that is negative.
-    np.testing.assert_allclose(spread, expected, rtol=0.4)
+    # About the fit, not about their mean: no saturation is drawn that is negative.
+    spread = np.sqrt(np.mean((drawn - one.law.p) ** 2, axis=0))
+    np.testing.assert_allclose(spread[varied], expected[varied], rtol=0.25)
 
 
 def test_draws_that_no_rig_can_be_are_rejected_and_counted(fitted):
@@ -138,7 +138,7 @@ def test_recordings_with_gains_of_their_own_give_the_law_of_all(fitted):
     assert found.law.critical_speed == pytest.approx(one.law.critical_speed, abs=0.01)
     assert found.law.saddle_node(5.0) == pytest.approx(one.law.saddle_node(5.0), abs=0.01)
     ratio = critical_speed_bound(found) / critical_speed_bound(one)
-    assert ratio == pytest.approx(1.0, abs=0.4)
+    assert ratio == pytest.approx(1.0, abs=0.25)
 
 
 @pytest.mark.parametrize(('gains', 'noise'), [((np.nan, 1.0), 1e-3), ((1.0, 1e3), 1e-4)])

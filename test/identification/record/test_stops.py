@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made import changed, record_of
+from records_made import sweep
 
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification import identify
@@ -140,28 +141,36 @@ def test_a_record_of_nothing_but_stops_is_refused_by_name():
 
 
 @pytest.mark.parametrize('sides', [(-4.5e-4, 4.5e-4), (-np.inf, 4.5e-4)])
-def test_what_is_said_of_a_clipped_recording_is_true_or_not_said(records, identified, sides):
-    loop = records['sweep'][0]
-    result = identify([changed(loop, lateral=lambda y: np.clip(y, *sides))])
-    assert any('saturated' in line for line in result.warnings)
-    whole = identified('sweep')
-    for name in ('v_c', 'v_n'):
-        said, known = getattr(result, name), getattr(whole, name)
-        assert said is None or (said.low <= known.high and known.low <= said.high)
-    # The end of the sensor's range is no limit cycle: that is foretold from the growth below it,
-    # as badly as its interval says, or not at all.
-    assert not any(state.amplitude > 4e-4 for state in result.steady_states)
-    truth = {p.speed: p.stable for p in whole.branches if p.stable}
-    foretold = [p for p in result.branches if p.stable and p.speed > 7.0]
-    for point in foretold:
-        low, high = (
-            float(np.interp(point.speed, list(truth), [getattr(s, end) for s in truth.values()]))
+def test_what_is_said_of_a_clipped_recording_is_true_or_not_said(sides):
+    held = []
+    for seed in range(3):
+        loop = sweep(seed)
+        whole = identify(loop)
+        result = identify([changed(loop, lateral=lambda y: np.clip(y, *sides))])
+        assert any('saturated' in line for line in result.warnings)
+        for name in ('v_c', 'v_n'):
+            said, known = getattr(result, name), getattr(whole, name)
+            assert said is None or (said.low <= known.high and known.low <= said.high)
+        # The end of the sensor's range is no limit cycle: that is foretold from the growth below
+        # it, as badly as its interval says, or not at all.
+        assert not any(state.amplitude > 4e-4 for state in result.steady_states)
+        truth = {p.speed: p.stable for p in whole.branches if p.stable}
+        foretold = [p for p in result.branches if p.stable and p.speed > 7.0]
+        ends = {
+            end: np.interp(
+                [p.speed for p in foretold], list(truth), [getattr(s, end) for s in truth.values()]
+            )
             for end in ('low', 'high')
+        }
+        held.append(
+            all(
+                point.stable.low <= high and low <= point.stable.high
+                for point, low, high in zip(foretold, ends['low'], ends['high'], strict=True)
+            )
         )
-        assert point.stable.low <= 1.05 * high
-        assert low <= 1.05 * point.stable.high
-    assert not foretold or any('is a forecast: no amplitude' in w for w in result.warnings)
-    assert not any('is a forecast: no amplitude' in line for line in whole.warnings)
+        assert not foretold or any('is a forecast: no amplitude' in w for w in result.warnings)
+        assert not any('is a forecast: no amplitude' in line for line in whole.warnings)
+    assert sum(held) >= 2
 
 
 @pytest.mark.parametrize('step', [0.0, 2e-6])

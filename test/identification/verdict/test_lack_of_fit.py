@@ -125,6 +125,4 @@ def test_a_limit_cycle_that_no_form_follows_does_not_bend_the_critical_speed() -
     for wave, seeds in ((0.0, range(2)), (0.012, range(2))):
         for seed in seeds:
             result = identify([_stairs(seed, wave)])
-            told = result.v_c is not None
-            assert told or wave > 0.0
-            assert not told or abs(result.v_c.value - 8.0) < 3.0 * result.v_c.std
+            assert abs(result.v_c.value - 8.0) < 3.0 * result.v_c.std
