@@ -17,9 +17,10 @@ from scipy.stats import binom
 
 from hunt_ros.bag import write_record
 from hunt_ros.detection.output import Output
-from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, from_normal_form, lawful
+from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, lawful
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.dynamics.paper_form import from_normal_form
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Corners, Hold, Profile
 from hunt_ros.dynamics.simulation import Kick, Roughness, SensorModel, SimulationSettings, simulate

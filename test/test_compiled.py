@@ -56,7 +56,8 @@ RUN_THE_CHAIN = textwrap.dedent(
             importlib.import_module(module.name)
     from hunt_ros.compiled import HAVE_COMPILER
     from hunt_ros.detection import DetectorConfig, HuntingDetector, detect
-    from hunt_ros.dynamics.growth_law import GrowthScales, from_normal_form, lawful
+    from hunt_ros.dynamics.growth_law import GrowthScales, lawful
+    from hunt_ros.dynamics.paper_form import from_normal_form
     from hunt_ros.dynamics.identified import IdentifiedNormalForm
     from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
     from hunt_ros.dynamics.parameters import paper_rig

@@ -1,5 +1,5 @@
 """
-The growth law: Eq. (24), and terms that it leaves out; its branches, its fold, its other units.
+The growth law: Eq. (24), and terms that it leaves out; its branches and its fold.
 
     d ln A / dt = sum_j p_j u^i x^k,    u = v / v_ref - 1,    w = (A / A_ref)^2,
     x = w / (1 + c w),    c >= 0,
@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hunt_ros.compiled import compiled_part
-from hunt_ros.dynamics.normal_form import Criticality, NormalForm
+from hunt_ros.dynamics.normal_form import Criticality
 
 Array = NDArray[np.float64]
 
@@ -37,8 +37,8 @@ X_POWERS = (0, 0, 0, 1, 1, 2, 2, 1)
 PAPER_TERMS, TERMS = 6, 10
 #: Places of the saturation c, and of the share of the roller's line that the wheelset feels.
 SATURATION, FELT = 8, 9
-#: Places of the terms without amplitude, and their powers of u.
-LINEAR, LINEAR_POWERS = (0, 1, 2), (0, 1, 2)
+#: Places of the terms without amplitude, which are their powers of u.
+LINEAR = (0, 1, 2)
 #: Where the terms of a law go when u is replaced by s (1 + u) - 1: place, place it comes from,
 #: in how many ways, power of u it comes from and goes to, power of x.
 _EXPANDED = np.array(
@@ -55,9 +55,6 @@ QUINTIC, EXTENDED = 'quintic', 'quintic with saturation'
 #: Largest w = (A / A_ref)^2 at which a limit cycle is looked for, and the largest detuning at
 #: which a critical speed is: ten times the speed of the data.
 _LARGEST = 9.0
-#: What a coefficient may differ from the law's costs so much of an error of ln A on the branches,
-#: for a difference as large as the cubic terms.
-_LEFT_OPEN = 0.01
 
 
 def _powers_of_x(p: Any, u: Any, line: Any) -> tuple[Any, Any, Any]:
@@ -71,7 +68,7 @@ def _powers_of_x(p: Any, u: Any, line: Any) -> tuple[Any, Any, Any]:
     u, line : float or ndarray
         Detuning, and power (B / A_ref)^2 of the roller's line.
     """
-    b = p[9] * line
+    b = p[FELT] * line
     first = p[3] + (p[4] + p[7] * u) * u
     second = p[5] + p[6] * u
     rest = p[0] + (p[1] + p[2] * u) * u
@@ -97,7 +94,7 @@ def _saturated(c: float, w: float) -> tuple[float, float, float, float, float]:
 def growth_at(p: Array, u: float, w: float, line: float) -> tuple[float, float, float]:
     """Return the growth rate, 1/s, and its first and second derivative by w."""
     c0, c1, c2 = _powers_compiled(p, u, line)
-    x, x1, x2, _, _ = _saturated(p[8], w)
+    x, x1, x2, _, _ = _saturated(p[SATURATION], w)
     bent = c1 + 2.0 * c2 * x
     return c0 + (c1 + c2 * x) * x, bent * x1, 2.0 * c2 * x1 * x1 + bent * x2
 
@@ -106,24 +103,24 @@ def growth_at(p: Array, u: float, w: float, line: float) -> tuple[float, float, 
 def terms_at(p: Array, u: float, w: float, line: float, value: Array, slope: Array) -> None:
     """Fill in the derivatives of growth rate and of its derivative by w, by each coefficient."""
     _, c1, c2 = _powers_compiled(p, u, line)
-    x, x1, _, by_c, x1_by_c = _saturated(p[8], w)
-    b = p[9] * line
+    x, x1, _, by_c, x1_by_c = _saturated(p[SATURATION], w)
+    b = p[FELT] * line
     of_u = (1.0, u, u * u)
     of_x = (1.0, x + 2.0 * b, x * x + (6.0 * x + 3.0 * b) * b)
     by_x = (0.0, x1, (2.0 * x + 6.0 * b) * x1)
     by_b = (0.0, 2.0, 6.0 * x + 6.0 * b)
     by_both = (0.0, 0.0, 6.0 * x1)
-    value[9] = 0.0
-    slope[9] = 0.0
-    for j in range(8):
+    value[FELT] = 0.0
+    slope[FELT] = 0.0
+    for j in range(SATURATION):
         of, k = of_u[U_POWERS[j]], X_POWERS[j]
         value[j] = of * of_x[k]
         slope[j] = of * by_x[k]
-        value[9] += line * p[j] * of * by_b[k]
-        slope[9] += line * p[j] * of * by_both[k]
+        value[FELT] += line * p[j] * of * by_b[k]
+        slope[FELT] += line * p[j] * of * by_both[k]
     bent = c1 + 2.0 * c2 * x
-    value[8] = bent * by_c
-    slope[8] = 2.0 * c2 * by_c * x1 + bent * x1_by_c
+    value[SATURATION] = bent * by_c
+    slope[SATURATION] = 2.0 * c2 * by_c * x1 + bent * x1_by_c
 
 
 def saturated(c: Any, w: Array) -> Array:
@@ -242,7 +239,7 @@ class GrowthLaw:
     def linear_terms(self, u: float) -> Array:
         """Return what multiplies each coefficient in the linear growth rate, shape (10,)."""
         terms = np.zeros(TERMS)
-        terms[list(LINEAR)] = u ** np.array(LINEAR_POWERS)
+        terms[list(LINEAR)] = u ** np.array(LINEAR)
         return terms
 
     def _in_x(self, speed: ArrayLike, line: ArrayLike) -> tuple[Array, Array, Array]:
@@ -409,99 +406,3 @@ def _root(w: Array) -> Array:
 
 def _known(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
-
-
-def normal_form_of(law: GrowthLaw, low: float, high: float) -> NormalForm | None:
-    """
-    Normal form of a law: exact for the paper's form, else the nearest on its branches.
-
-    Parameters
-    ----------
-    law : GrowthLaw
-        With or without further terms.
-    low, high : float
-        Range of speeds over which it shall hold, m/s.
-
-    Returns
-    -------
-    NormalForm or None
-        In the amplitude coordinate; None without a critical speed. D7, D10 and D15
-        are effective coefficients over this range.
-    """
-    p = law.p[:PAPER_TERMS] if law.name == QUINTIC else _nearest_quintic(law, low, high)
-    return None if p is None else to_normal_form(p, law.scales)
-
-
-def _nearest_quintic(law: GrowthLaw, low: float, high: float) -> Array | None:
-    """Paper's form with the same v_c and D1, nearest in ln A on both branches."""
-    p = law.p
-    v_c = law.critical_speed
-    if v_c is None:
-        return None
-    speeds = np.linspace(low, high, 61)
-    u = law.detuning(speeds)
-    u_c = float(law.detuning(v_c))
-    rise = float(law.linear_slope(u_c))
-    rows, right = [], []
-    for branch in law.steady_amplitudes(speeds):
-        here = np.isfinite(branch)
-        w = (branch[here] / law.scales.amplitude) ** 2
-        x = u[here]
-        nearby = branch[here] * 1e-4
-        above = law.growth_rate(speeds[here], branch[here] + nearby)
-        below = law.growth_rate(speeds[here], branch[here] - nearby)
-        # Next to the fold the slope vanishes: a floor keeps its weight finite.
-        steep = np.maximum(np.abs(above - below) / 2e-4, 0.2 * np.max(np.abs(p[3:5])))
-        rows.append(np.stack([w, x * w, w**2, (x - u_c) ** 2], axis=1) / steep[:, None])
-        right.append(-rise * (x - u_c) / steep)
-    # D7 is free to serve the branches: it is an effective coefficient, and not Taylor's. What the
-    # branches leave open (one alone does, over few speeds) stays what it is in the law.
-    own = np.array([*p[3:5], p[5] - p[SATURATION] * p[3], p[2]])
-    matrix, target = np.concatenate(rows), np.concatenate(right)
-    weight = _LEFT_OPEN * math.sqrt(max(len(matrix), 1)) / np.max(np.abs(p[3:5]))
-    keep = weight * np.eye(own.size)
-    matrix, target = np.concatenate([matrix, keep]), np.concatenate([target, keep @ own])
-    cubic, mixed, quintic, bend = np.linalg.lstsq(matrix, target, rcond=None)[0]
-    linear = np.array([-rise * u_c, rise, 0.0]) + bend * np.array([u_c**2, -2.0 * u_c, 1.0])
-    return np.array([*linear, cubic, mixed, quintic])
-
-
-def to_normal_form(p: Array, scales: GrowthScales) -> NormalForm | None:
-    """
-    Normal form of a law without further terms.
-
-    Parameters
-    ----------
-    p : ndarray, shape (6,)
-        Coefficients, 1/s.
-    scales : GrowthScales
-        Units of p, and those of the form.
-
-    Returns
-    -------
-    NormalForm or None
-        None where the linear growth rate nowhere rises through zero: there is no v_c.
-    """
-    v_c = GrowthLaw(lawful(p), scales).critical_speed
-    if v_c is None:
-        return None
-    about = reading(0.0, math.log(v_c / scales.speed)) @ lawful(p) * scales.time_scale
-    return NormalForm(
-        critical_speed=v_c,
-        D1=float(about[1]),
-        D4=float(about[3] / scales.ratio),
-        D7=float(about[2]),
-        D10=float(about[4] / scales.ratio),
-        D15=float(about[5] / scales.ratio**2),
-        length_scale=scales.length_scale,
-        time_scale=scales.time_scale,
-        frequency_hz=scales.frequency_hz,
-    )
-
-
-def from_normal_form(form: NormalForm, scales: GrowthScales) -> Array:
-    """Coefficients of the paper's form, shape (6,); the inverse of `to_normal_form`."""
-    ratio = (scales.amplitude / (2.0 * form.length_scale)) ** 2
-    about = [0.0, form.D1, form.D7, form.D4 * ratio, form.D10 * ratio, form.D15 * ratio**2]
-    there = reading(0.0, math.log(scales.speed / form.critical_speed)) @ lawful(about)
-    return np.asarray(there[:PAPER_TERMS] / form.time_scale)

@@ -24,11 +24,11 @@ from hunt_ros.dynamics.growth_law import (
     TERMS,
     GrowthLaw,
     GrowthScales,
-    from_normal_form,
     lawful,
     saturated,
 )
 from hunt_ros.dynamics.normal_form import NormalForm
+from hunt_ros.dynamics.paper_form import from_normal_form
 from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.path_likelihood import NOISE_TERMS
 from hunt_ros.identification.likelihood.spreads import learnt

@@ -8,8 +8,9 @@ from foreign_made import RECORDINGS, RIGS
 from made import LAW
 
 from hunt_ros.analysis.steady_state import SteadyState
-from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, from_normal_form, lawful
+from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
+from hunt_ros.dynamics.paper_form import from_normal_form
 from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.fit import fit_law, law_prior
 from hunt_ros.identification.identifying import _distinct, _path

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import B1, F1, compiled
 from hunt_ros.dynamics.covariance_root import inverse_of
-from hunt_ros.dynamics.growth_law import LINEAR, LINEAR_POWERS, TERMS
+from hunt_ros.dynamics.growth_law import LINEAR, TERMS
 from hunt_ros.identification.likelihood.path import Path
 
 #: Share of A_ref up to which motion is quiet: the cubic term changes its growth by little.
@@ -96,7 +96,7 @@ def damping_correction(
     # With the noise held: it is known from all of the record.
     inverse = inverse_of(information[:TERMS, :TERMS])
     power = np.abs(path.phasor) ** 2
-    columns = np.stack([path.u**power_of_u for power_of_u in LINEAR_POWERS])
+    columns = np.stack([path.u**power_of_u for power_of_u in LINEAR])
     growth = theta[list(LINEAR)] @ columns
     quiet = (np.nan_to_num(power, nan=np.inf) < _QUIET**2) & (growth < 0.0)
     forcing = np.exp(np.clip(theta[-3] + theta[-5] * path.u, -40.0, 10.0))

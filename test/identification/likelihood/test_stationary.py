@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, from_normal_form, lawful
+from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
+from hunt_ros.dynamics.paper_form import from_normal_form
 from hunt_ros.identification.likelihood.stationary import stationary_amplitude
 
 SOFT = NormalForm(8.0, 0.12, -450.0, -0.06, 0.0, -3.4e6)

@@ -11,8 +11,9 @@ from records_made import held_speeds
 from scipy import stats
 
 from hunt_ros.analysis.steady_state import SteadyState
-from hunt_ros.dynamics.growth_law import TERMS, from_normal_form, lawful
+from hunt_ros.dynamics.growth_law import TERMS, lawful
 from hunt_ros.dynamics.normal_form import NormalForm
+from hunt_ros.dynamics.paper_form import from_normal_form
 from hunt_ros.identification import identify
 from hunt_ros.identification.verdict.lack_of_fit import lack_of_fit
 from hunt_ros.samples import Record
