@@ -52,6 +52,8 @@ figcaption b { color: var(--ink); }
 table { min-width: min(26rem, 100%); border-collapse: collapse; font-size: .88rem;
   font-variant-numeric: tabular-nums; }
 caption { caption-side: top; text-align: left; padding-bottom: .4rem; }
+caption span { display: inline-block; position: sticky; left: 0;
+  max-width: min(46rem, calc(100vw - 2rem)); }
 thead th { border-bottom: 1.5px solid var(--ink); vertical-align: bottom; }
 th, td { text-align: left; padding: .28rem .9rem .28rem 0; vertical-align: top; }
 tbody th { font-weight: normal; }

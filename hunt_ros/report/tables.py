@@ -62,7 +62,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str) ->
         for row in rows
     )
     return (
-        f'<div class="wide"><table><caption>{caption}</caption>'
+        f'<div class="wide"><table><caption><span>{caption}</span></caption>'
         f'<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
     )
 
