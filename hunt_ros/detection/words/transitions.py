@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -26,8 +25,6 @@ from hunt_ros.samples import CHANNELS, NANOSECONDS
 #: What makes an event: word, test, cause, and since when, ns.
 _Change = tuple[str, str, str, int]
 
-#: Motion outside the range is named again when it has grown by this factor.
-_GROWN = 10.0
 #: A channel gives nothing: a fault, or one that is optional.
 _MISSING = health.SILENT | health.ABSENT
 #: A disturbance that stays in the basin is a state, not an event.
@@ -65,8 +62,7 @@ class Transitions:
         """Forget all that was said, and take a state for that of the row before the first."""
         self._before = blank_rows(np.zeros(1, dtype=np.int64))
         self._before['level'], self._before['state'] = -1, state
-        #: Largest motion outside the range that was named, by coordinate; when what lasts began.
-        self._said: dict[str, float] = {}
+        #: When what lasts began.
         self._began_ns: dict[str, int] = {}
         self.decided, self.test = '', ''
         self.decided_ns = self.level_since_ns = 0
@@ -82,8 +78,7 @@ class Transitions:
         """
         rows = joined_rows([self._before, rows])
         self._before = rows[-1:].copy()
-        # Motion outside the range is looked at in every row: it may have grown.
-        changed = (rows['doubts'][1:] & np.uint32(doubts.OUTSIDE)) != 0
+        changed = np.zeros(rows.size - 1, dtype=np.bool_)
         bits = {f'{name}_wrong': _MISSING | health.FAULTS for name in self._channels}
         bits |= {'doubts': doubts.MARGIN | doubts.OUTSIDE}
         watched = [rows[name] for name in ('region', 'state', 'level', 'limits')]
@@ -141,7 +136,15 @@ class Transitions:
                 word = 'limit_exceeded' if over else 'limit_cleared'
                 cause = limit_cause(row, number, self.basis.config)
                 yield word, limit.setting, cause, int(row['limit_since_ns'])
-        yield from self._outside(int(before['doubts']), row)
+        outside = int(row['doubts']) & doubts.OUTSIDE
+        if bool(outside) != bool(int(before['doubts']) & doubts.OUTSIDE):
+            stamp_ns = int(row['stamp_ns'])
+            word, cause = 'motion_outside_range', outside_words(row)
+            if outside:
+                self._began_ns['outside'] = stamp_ns
+            else:
+                word, cause = f'{word}_over', f'none is left{self._after("outside", stamp_ns)}'
+            yield word, 'frequency_range', cause, stamp_ns
         was, state = State(int(before['state'])), State(int(row['state']))
         if state != was:
             self.test, self.decided = state_cause(row, self.basis)
@@ -188,21 +191,3 @@ class Transitions:
         """Say how long something lasted that is over."""
         began_ns = self._began_ns.pop(what, None)
         return '' if began_ns is None else f' after {(over_ns - began_ns) / NANOSECONDS:.2f} s'
-
-    def _outside(self, doubts_before: int, row: np.void) -> Iterator[_Change]:
-        """Name motion outside the range when it is seen, and again when it has grown."""
-        test, stamp_ns = 'frequency_range', int(row['stamp_ns'])
-        if not int(row['doubts']) & doubts.OUTSIDE:
-            self._said = {}
-            if doubts_before & doubts.OUTSIDE:
-                cause = f'none is left{self._after("outside", stamp_ns)}'
-                yield 'motion_outside_range_over', test, cause, stamp_ns
-            return
-        channel = 'lateral' if math.isfinite(row['outside_lateral']) else 'yaw'
-        amplitude = float(row[f'outside_{channel}'])
-        # Of the other coordinate: lateral motion is named after yaw, and not the other way.
-        other = 0.0 if channel == 'lateral' else math.inf
-        if not self._said or amplitude > _GROWN * self._said.get(channel, other):
-            self._said[channel] = amplitude
-            since_ns = self._began_ns.setdefault('outside', stamp_ns)
-            yield 'motion_outside_range', test, outside_words(row), since_ns
