@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hunt_ros.detection import doubts, health
 from hunt_ros.detection.configuration import DetectorConfig, with_frequency
 from hunt_ros.detection.decision import decisions, states
-from hunt_ros.detection.decision.form import form_numbers
+from hunt_ros.detection.decision.form import fill_branches, form_numbers
 from hunt_ros.detection.decision.limits import ALARMS
 from hunt_ros.detection.decision.outlook import OutlookTable
 from hunt_ros.detection.decision.rules import rules_of
@@ -195,6 +195,7 @@ class RowMaker:
                 stretch['doubts'] |= np.uint32(doubts.IN_YAW)
             # The form speaks of metres.
             numbers = self._numbers if lateral else form_numbers(None)
+            fill_branches(numbers, stretch)
             for part in self._outlook_stretches(stretch):
                 given = disagree[begin:end][part], trusted[begin:end][part]
                 decisions.decide(self._rules, numbers, self.memory, *given, stretch[part])

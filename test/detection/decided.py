@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.decision import decisions
-from hunt_ros.detection.decision.form import FormNumbers, form_numbers
+from hunt_ros.detection.decision.form import FormNumbers, fill_branches, form_numbers
 from hunt_ros.detection.decision.rules import Rules, rules_of
 from hunt_ros.detection.output import blank_rows
 
@@ -48,10 +48,12 @@ def decided(
     rows = blank_rows(np.zeros(amplitude.size, dtype=np.int64))
     rows['speed'], rows['step'] = speed, 0.0
     rows['judged'], rows['judged_std'] = amplitude, std
+    numbers = form or form_numbers(None)
+    fill_branches(numbers, rows)
     none, all_of_it = np.zeros(amplitude.size, np.bool_), np.ones(amplitude.size, np.bool_)
     decisions.decide(
         rules,
-        form or form_numbers(None),
+        numbers,
         decisions.fresh_memory() if memory is None else memory,
         none,
         all_of_it,

@@ -10,9 +10,13 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hunt_ros.compiled import compiled_part
 from hunt_ros.detection.decision.outlook import chance_beyond
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import steady_radii
 from hunt_ros.samples import NORMAL_95
 
 #: The time to the limit cycle is that to this part of the stable amplitude,
@@ -57,19 +61,28 @@ def form_numbers(identified: IdentifiedNormalForm | None) -> FormNumbers:
     return FormNumbers._make([True, *known, math.nan if fold is None else fold[1]])
 
 
-@compiled_part
-def _law(form: FormNumbers, v: float) -> tuple[float, float]:
-    """Return the growth rate of r^2 -> 0 and its slope with r^2, by Eq. (24), without scale."""
-    eps = v / form.critical_speed - 1.0
-    return form.D1 * eps + form.D7 * eps**2, form.D4 + form.D10 * eps
+def fill_branches(form: FormNumbers, rows: NDArray[np.void]) -> None:
+    """
+    Fill in the branches at the speeds of rows (ESTIMATE_DTYPE), under their roughness line.
+
+    Roughness of amplitude B acts on the mean of the cubic term: A^2 -> A^2 + 2 B^2.
+    """
+    eps = rows['speed'] / form.critical_speed - 1.0
+    rest, cubic = form.D1 * eps + form.D7 * eps**2, form.D4 + form.D10 * eps
+    radii = steady_radii(rest, cubic, np.full_like(eps, form.D15))
+    unstable, stable = (2.0 * form.length_scale * radius for radius in radii)
+    lowered = unstable**2 - 2.0 * np.nan_to_num(rows['lateral_roughness']) ** 2
+    rows['unstable_amplitude'] = np.sqrt(np.fmax(lowered, 0.01 * unstable**2))
+    rows['stable_amplitude'] = stable
 
 
 @compiled_part
 def growth_at(form: FormNumbers, v: float, a: float) -> float:
     """Growth rate of the form, Eq. (24) divided by r, 1/s, at one speed and amplitude."""
-    c, b = _law(form, v)
+    eps = v / form.critical_speed - 1.0
     r2 = (a / (2.0 * form.length_scale)) ** 2
-    return (c + b * r2 + form.D15 * r2**2) / form.time_scale
+    rest, cubic = form.D1 * eps + form.D7 * eps**2, form.D4 + form.D10 * eps
+    return (rest + cubic * r2 + form.D15 * r2**2) / form.time_scale
 
 
 @compiled_part
@@ -94,7 +107,7 @@ def is_hunting_of(form: FormNumbers, nominal_hz: float, v: float, a: float, out:
 @compiled_part
 def predict(form: FormNumbers, outlook: Any, v: float, a: float, s: float, out: Any) -> None:
     """
-    Fill in branches, margin, probability of escape and outlook of a row that has none of them.
+    Fill in margin, probability of escape and outlook of a row that has its branches.
 
     Parameters
     ----------
@@ -109,13 +122,14 @@ def predict(form: FormNumbers, outlook: Any, v: float, a: float, s: float, out: 
     """
     if not form.known or math.isnan(v):
         return
-    damping = _branches(form, v, out['lateral_roughness'], outlook['unstable_std'], out)
+    edge, spread = out['unstable_amplitude'], outlook['unstable_std']
+    if not math.isnan(edge):
+        out['unstable_amplitude_std'] = spread
     if math.isnan(a):
         return
-    edge, spread = out['unstable_amplitude'], out['unstable_amplitude_std']
-    folded = math.isnan(edge) and damping < 0.0
+    folded = math.isnan(edge) and growth_at(form, v, 0.0) < 0.0
     if folded:  # below the fold of the form, but not of all its draws
-        edge, spread = outlook['unstable_mean'], outlook['unstable_std']
+        edge = outlook['unstable_mean']
     if not math.isnan(edge):
         out['margin'] = edge / a if a > 0.0 else math.inf
         most, least = a + NORMAL_95 * s, a - NORMAL_95 * s
@@ -130,49 +144,6 @@ def predict(form: FormNumbers, outlook: Any, v: float, a: float, s: float, out: 
     out['escape_probability_low'] = min(low, probability)
     out['escape_probability_high'] = max(high, probability)
     out['outlook'] = 1.0 - (1.0 - probability) * (1.0 - outlook['next_minute'])
-
-
-@compiled_part
-def _branches(form: FormNumbers, v: float, roughness: float, spread: float, out: Any) -> float:
-    """
-    Fill in the branches at a speed, Eq. (28), under a roughness line of amplitude B, m.
-
-    `spread` is the standard deviation of the unstable one, m.
-
-    Returns
-    -------
-    float
-        Growth rate at zero amplitude, 1/s.
-    """
-    a = form.D15
-    c, b = _law(form, v)
-    first, second = math.nan, math.nan
-    if a == 0.0:
-        if b != 0.0:
-            first = -c / b
-    else:
-        discriminant = b * b - 4.0 * a * c
-        if discriminant >= 0.0:
-            root = math.sqrt(discriminant)
-            q = -0.5 * (b + root) if b >= 0.0 else -0.5 * (b - root)
-            first = q / a
-            if q != 0.0:
-                second = c / q
-    for r2 in (first, second):
-        if r2 > 0.0:
-            value = 2.0 * form.length_scale * math.sqrt(r2)
-            if b + 2.0 * a * r2 > 0.0:
-                out['unstable_amplitude'] = value
-            else:
-                out['stable_amplitude'] = value
-    plain = out['unstable_amplitude']
-    if not math.isnan(plain):
-        if roughness > 0.0:
-            # Roughness of amplitude B acts on the mean of the cubic term: A^2 -> A^2 + 2 B^2.
-            lowered = math.sqrt(max(plain**2 - 2.0 * roughness**2, 0.01 * plain**2))
-            out['unstable_amplitude'] = lowered
-        out['unstable_amplitude_std'] = spread
-    return c / form.time_scale
 
 
 @compiled_part

@@ -32,7 +32,8 @@ def _row(
     roughness: float = 0.0,
 ) -> np.void:
     rows = blank_rows(np.zeros(1, dtype=np.int64))
-    rows['lateral_roughness'] = roughness
+    rows['speed'], rows['lateral_roughness'] = speed, roughness
+    form.fill_branches(numbers, rows)
     form.predict(numbers, outlook[0], speed, amplitude, std, rows[0])
     return rows[0]
 
