@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from hunt_ros.dynamics.covariance_root import covariance_root, inverse_of
 from hunt_ros.dynamics.growth_law import LINEAR, SATURATION, TERMS, GrowthLaw, reading
@@ -95,6 +96,29 @@ def _stretched(covariance: NDArray[np.float64], by: float) -> NDArray[np.float64
     return wide
 
 
+def _away(
+    fitted: FittedLaw,
+    covariance: NDArray[np.float64],
+    normal: NDArray[np.float64],
+    scale: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """
+    Turn normal numbers into what draws differ by from the law, shape (n, 10).
+
+    No saturation is negative: its distribution is cut there, and where the bound holds it is the
+    flank of one whose top lies beyond. The other coefficients follow it as they do in the fit.
+    """
+    k, variance = SATURATION, covariance[SATURATION, SATURATION]
+    follow = covariance[:, k] / variance
+    std, top = math.sqrt(variance) * scale, fitted.fit.beyond
+    held = -(fitted.law.p[k] + top) / std
+    share = stats.norm.sf(held)
+    beyond = stats.norm.isf(share * stats.norm.cdf(normal[:, k]))
+    saturation = top + std * np.where(share > 0.0, beyond, held)
+    rest = covariance_root(covariance - np.outer(follow, follow) * variance)
+    return (normal * scale[:, None]) @ rest.T + np.outer(saturation, follow)
+
+
 def draw_laws(
     fitted: FittedLaw,
     settings: IdentificationSettings,
@@ -125,17 +149,15 @@ def draw_laws(
     rejected : float
         Share of the draws that was rejected.
     """
-    root = covariance_root(_stretched(law_covariance(fitted.fit), cycle))
+    covariance = _stretched(law_covariance(fitted.fit), cycle)
     degrees, generator = _degrees(fitted.fit), np.random.default_rng(settings.seed)
     normal = generator.standard_normal((_TRIES * _DRAWS, TERMS))
-    scale = np.sqrt(degrees / generator.chisquare(degrees, len(normal)))
+    scale = stretch * np.sqrt(degrees / generator.chisquare(degrees, len(normal)))
     drawn: list[NDArray[np.float64]] = []
     tried = 0
-    away = stretch * (normal * scale[:, None]) @ root.T
-    # No saturation is negative: of such a draw the other side of the fit is taken.
-    away[fitted.law.p[SATURATION] + away[:, SATURATION] < 0.0] *= -1.0
-    for p in fitted.law.p + away:
+    for away in _away(fitted, covariance, normal, scale):
         tried += 1
+        p = fitted.law.p + away
         if admissible is None or admissible(replace(fitted.law, p=p)):
             drawn.append(p)
             if len(drawn) == _DRAWS:

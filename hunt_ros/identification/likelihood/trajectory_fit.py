@@ -92,6 +92,8 @@ class TrajectoryFit:
     innovations : ndarray, shape (n, 4)
     remaining : float
         Gain of the log likelihood that the last step still promises, within the bounds.
+    beyond : float
+        How far beyond its bound the saturation would go, <= 0; 0 where the bound does not hold it.
     correction : ndarray, shape (10,)
         What to add to the law for the bias of the damping of its quiet motion.
     own : ndarray, shape (recordings, 5)
@@ -107,6 +109,7 @@ class TrajectoryFit:
     log_likelihood: float
     innovations: NDArray[np.float64]
     remaining: float
+    beyond: float
     correction: NDArray[np.float64]
     own: NDArray[np.float64]
     spread: NDArray[np.float64]
@@ -468,13 +471,17 @@ def fit_path(
     if problem.differ:
         known = bool(np.isfinite(current.own_block).all())
         unknown = 0.5 * log_widths(current.own_block, spread) if known else float('inf')
-    information = current.reduced()[1]
+    gradient, information = current.reduced()
+    onward = 0.0
+    if theta[SATURATION] <= 0.0 and np.isfinite(information).all():
+        onward = float(inverse_of(information)[SATURATION] @ gradient)
     return TrajectoryFit(
         theta,
         information,
         -current.value - unknown,
         current.innovations,
         _remaining(theta, current),
+        min(onward, 0.0),
         damping_correction(theta, path, current.derivative, information),
         own,
         spread,
