@@ -8,11 +8,13 @@ from pathlib import Path
 from hunt_ros.bag.columns import read_record
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.view import View
+from hunt_ros.dynamics.center_manifold import normal_form_of
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.limit_cycle import Branch, limit_cycles
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.identification import Identification, identify
+from hunt_ros.identification.result import EFFECTIVE
 from hunt_ros.report.figures import style
 from hunt_ros.report.figures.diagram import (
     bands_of_draws,
@@ -41,12 +43,17 @@ def show_results(bag: Path, refitted: Path, folder: Path, view: View) -> None:
         Where the table goes.
     """
     result, truth = identify([read_record(bag)]), limit_cycles(paper_rig())
-    paper = PAPER_NORMAL_FORM
+    paper, local = PAPER_NORMAL_FORM, normal_form_of(paper_rig()).amplitude_coordinate
+    # What the fit calls effective is no local coefficient, and has no truth.
+    true_of = {name: getattr(local, name) for name in COEFFICIENTS if name not in EFFECTIVE}
     view.say(f'\n  {"":10}{"refitted":>24}{"truth":>10}{"paper (33)":>13}')
     rows = [
         ('v_c, m/s', result.v_c, truth.critical_speed, paper.critical_speed),
         ('v_n, m/s', result.v_n, truth.nonlinear_critical_speed, paper.nonlinear_critical_speed),
-        *((name, result.coefficients[name], None, getattr(paper, name)) for name in COEFFICIENTS),
+        *(
+            (name, result.coefficients[name], true_of.get(name), getattr(paper, name))
+            for name in COEFFICIENTS
+        ),
     ]
     for name, found, true, published in rows:
         cells = ['' if each is None else f'{each:.4g}' for each in (true, published)]
