@@ -80,7 +80,7 @@ def identification_of(form: NormalForm = PAPER_NORMAL_FORM, **more: Any) -> Iden
     return replace(found, unknown=unknown_of(found.to_json(), {}) | dict(more.get('unknown', {})))
 
 
-VOID = {'meta', 'br', 'img', 'link', 'input', 'hr'}
+VOID = {'meta', 'link', 'br', 'wbr', 'img', 'hr', 'input'}
 
 
 class Outline(HTMLParser):

@@ -114,9 +114,10 @@ def _away(
     held = -(fitted.law.p[k] + top) / std
     share = stats.norm.sf(held)
     beyond = stats.norm.isf(share * stats.norm.cdf(normal[:, k]))
-    saturation = top + std * np.where(share > 0.0, beyond, held)
+    saturation = np.maximum(top + std * np.where(share > 0.0, beyond, held), -fitted.law.p[k])
     rest = covariance_root(covariance - np.outer(follow, follow) * variance)
-    return (normal * scale[:, None]) @ rest.T + np.outer(saturation, follow)
+    away: NDArray[np.float64] = (normal * scale[:, None]) @ rest.T + np.outer(saturation, follow)
+    return away
 
 
 def draw_laws(

@@ -19,7 +19,7 @@ from scipy.stats import chi2
 
 from hunt_ros.drivers.alarms import alarm_of
 from hunt_ros.report.numbers import shown
-from hunt_ros.report.tables import table
+from hunt_ros.report.tables import place, table
 from hunt_ros.samples import NANOSECONDS, Record, Uncertain
 
 if TYPE_CHECKING:
@@ -160,7 +160,7 @@ def alarm_table(loads: Sequence[AlarmLoad]) -> str:
     """Return the table of the report, a row for each recording."""
     rows = [
         [
-            escape(load.source),
+            place(load.source),
             'live' if load.live else 'with this form',
             str(load.count),
             shown(load.per_hour),
@@ -168,7 +168,7 @@ def alarm_table(loads: Sequence[AlarmLoad]) -> str:
             shown(load.longest_s, digits=3)
             + (' <b>standing</b>' if load.longest_s > STANDS_S else ''),
             _names(load.on_at_end),
-            _names(load.clips),
+            f'<span class="path">{_names(load.clips)}</span>',
         ]
         for load in loads
     ]
@@ -179,7 +179,7 @@ def alarm_table(loads: Sequence[AlarmLoad]) -> str:
         f' {CHATTERS_S:g} s), or stand (for more than {STANDS_S / 3600.0:g} h) without a plan.'
     )
     header = [
-        'recording', 'said', 'alarms', 'an hour', 'chattering', 'longest (s)', 'on at the end',
+        'recording', 'said', 'alarms', 'an hour', 'chattering', 'longest (s)', 'still on',
         'clips',
     ]  # fmt: skip
     return table(header, rows, caption)

@@ -218,7 +218,7 @@ class Report:
             found[f'run{count:02d}'] = Drawing(
                 run_overview(record, amplitude, self.events.get(record.source, ()), (v_n, v_c)),
                 '',
-                f'{escape(name)}: speed, and amplitude of the hunting component with the '
+                f'{tables.place(name)}: speed, and amplitude of the hunting component with the '
                 'roughness line removed. Marks are events of the detector, dashed lines the '
                 'critical speeds of the normal form.',
                 f'Speed and hunting amplitude of {name} against time',

@@ -37,23 +37,23 @@ nav ol { display: flex; flex-wrap: wrap; gap: .2rem 1.2rem; margin: 1rem 0; padd
   list-style: none; font-size: .9rem; }
 a { color: var(--stable); }
 .lead { font-size: 1.05rem; }
-.muted, figcaption, caption { color: var(--muted); font-size: .88rem; }
+.muted, figcaption { color: var(--muted); font-size: .88rem; }
 figure { margin: 1.2rem 0; break-inside: avoid; }
 figure svg { display: block; width: 100%; height: auto; }
 figure.column { max-width: 34rem; }
 .drawing { overflow-x: auto; }
 @media screen { figure.page svg { min-width: 34rem; } }
-figcaption { margin-top: .4rem; max-width: 46rem; }
+figcaption { margin-top: .4rem; max-width: 46rem; overflow-wrap: anywhere; }
 figcaption b { color: var(--ink); }
 .grid { display: grid; gap: 1rem 1.6rem;
   grid-template-columns: repeat(auto-fit, minmax(min(22rem, 100%), 1fr)); }
 .grid figure { margin: 0; min-width: 0; max-width: 34rem; }
-.wide { overflow-x: auto; margin: 1rem 0; }
+.wide { overflow-x: auto; }
+figure.table { break-inside: auto; }
+.table figcaption { margin: 0 0 .4rem; break-after: avoid; }
+.path, .text { display: block; min-width: 14rem; overflow-wrap: anywhere; }
 table { min-width: min(26rem, 100%); border-collapse: collapse; font-size: .88rem;
   font-variant-numeric: tabular-nums; }
-caption { caption-side: top; text-align: left; padding-bottom: .4rem; }
-caption span { display: inline-block; position: sticky; left: 0;
-  max-width: min(46rem, calc(100vw - 2rem)); }
 thead th { border-bottom: 1.5px solid var(--ink); vertical-align: bottom; }
 th, td { text-align: left; padding: .28rem .9rem .28rem 0; vertical-align: top; }
 tbody th { font-weight: normal; }

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
 from decimal import Decimal
 from html import escape
+from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM
@@ -61,10 +62,21 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str) ->
         + '</tr>'
         for row in rows
     )
+    # The caption is no part of what scrolls: it stays readable on a phone.
     return (
-        f'<div class="wide"><table><caption><span>{caption}</span></caption>'
-        f'<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+        f'<figure class="table"><figcaption>{caption}</figcaption><div class="wide">'
+        f'<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div></figure>'
     )
+
+
+def place(source: str) -> str:
+    """Return the last two parts of a path as HTML, which may be broken between them."""
+    return '/<wbr>'.join(escape(part) for part in PurePath(source).parts[-2:] if part != '/')
+
+
+def text(words: str) -> str:
+    """Return words as HTML that keep some width on a phone."""
+    return f'<span class="text">{escape(words)}</span>'
 
 
 def folded(title: str, body: str) -> str:
@@ -80,19 +92,20 @@ def recordings(records: Sequence[Record]) -> str:
         start = datetime.fromtimestamp(record.start_ns // NANOSECONDS, timezone.utc)
         # A simulated recording starts at stamp zero: no date.
         dated = record.start_ns >= NANOSECONDS * 86400
-        channels = '; '.join(
-            f'{name}: {len(series)}' + (f' at {series.rate_hz:.4g} Hz' if len(series) > 1 else '')
+        channels = '<br>'.join(
+            escape(f'{name}: {len(series)}')
+            + (f' at {series.rate_hz:.4g} Hz' if len(series) > 1 else '')
             for name, series in record.items()
         )
-        notes = '; '.join(f'{key}: {text}' for key, text in record.notes.items())
+        notes = '<br>'.join(escape(f'{key}: {note}') for key, note in record.notes.items() if note)
         when = f'{start:%Y-%m-%d %H:%M:%S} UTC' if dated else 'at 0 s'
         rows.append(
             [
-                escape(record.source or 'recording'),
+                f'<span class="path">{escape(record.source or "recording")}</span>',
                 f'<span class="together">{when}</span>',
                 f'{record.duration_s:.1f}',
-                escape(channels),
-                escape(notes),
+                channels,
+                notes,
             ]
         )
     body = table(['recording', 'start', 'length (s)', 'channels', 'notes'], rows, 'What was read.')
@@ -258,7 +271,7 @@ def steady_states(one: Identification) -> str:
             shown(Uncertain(state.amplitude, state.amplitude_std), 1e3),
             shown(Uncertain(state.maxima, state.maxima_std), 1e3),
             str(state.cycles),
-            escape(state.source),
+            place(state.source),
         ]
         for state in sorted(one.steady_states, key=lambda state: state.speed)
     ]
@@ -278,14 +291,14 @@ def segments(one: Identification) -> str:
     rows = [
         [
             segment.kind,
-            escape(segment.source),
+            place(segment.source),
             f'{(segment.end_ns - segment.start_ns) / NANOSECONDS:.1f}',
             f'{segment.speed_start:.2f} … {segment.speed_end:.2f}',
             shown(Uncertain(segment.growth_rate, segment.growth_rate_std))
             if math.isfinite(segment.growth_rate)
             else '',
             'used' if segment.used else '<b>dropped</b>',
-            escape(segment.reason),
+            text(segment.reason),
         ]
         for segment in one.segments
     ]
@@ -300,9 +313,9 @@ def events(seen: Mapping[str, Sequence[Event]], records: Sequence[Record]) -> st
     """Table of the events of the runs, in the order of time."""
     rows = [
         [
-            escape(record.source),
+            place(record.source),
             f'{(event.stamp_ns - record.start_ns) / NANOSECONDS:.2f}',
-            escape(': '.join(filter(None, (sentence(event.event), event.cause)))),
+            text(': '.join(filter(None, (sentence(event.event), event.cause)))),
             shown(event.number('speed_mps'), digits=3),
             shown(event.number('amplitude_m'), 1e3, digits=3),
             shown(event.number('growth_rate_per_s'), digits=3),
@@ -329,7 +342,7 @@ def clearances(held: Mapping[str, Sequence[Clearance]]) -> str:
     """Table of the speeds that were held, by recording, and the verdict on each."""
     rows = [
         [
-            escape(source),
+            place(source),
             f'{one.speed_mps:.2f}',
             f'{one.held_s:.0f}',
             '∞' if one.margin == math.inf else shown(one.margin, digits=2),

@@ -8,7 +8,7 @@ from foreign_made import RECORDINGS, RIGS
 from made import LAW
 
 from hunt_ros.analysis.steady_state import SteadyState
-from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, lawful
+from hunt_ros.dynamics.growth_law import SATURATION, TERMS, GrowthLaw, GrowthScales, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.paper_form import from_normal_form
 from hunt_ros.identification import IdentificationSettings, identify
@@ -53,6 +53,18 @@ def test_draws_are_reproducible_and_scatter_as_the_covariance_says(fitted):
     # About the fit, not about their mean: no saturation is drawn that is negative.
     spread = np.sqrt(np.mean((drawn - one.law.p) ** 2, axis=0))
     np.testing.assert_allclose(spread[varied], expected[varied], rtol=0.25)
+
+
+@pytest.mark.parametrize(('beyond', 'mean'), [(0.0, 0.84), (-3.0, 0.32), (-20.0, 0.06)])
+def test_a_saturation_that_its_bound_holds_is_drawn_from_the_flank(fitted, beyond, mean):
+    """Means of a Student distribution of 12 degrees cut 0, 3 and 20 deviations above its top."""
+    one, _ = fitted
+    std = float(np.sqrt(law_covariance(one.fit)[SATURATION, SATURATION]))
+    at = one.law.p * (np.arange(TERMS) != SATURATION)
+    held = replace(one, law=replace(one.law, p=at), fit=replace(one.fit, beyond=beyond * std))
+    drawn = draw_laws(held, SETTINGS)[0][:, SATURATION]
+    assert (drawn >= 0.0).all()
+    assert np.mean(drawn) / std == pytest.approx(mean, rel=0.2)
 
 
 def test_draws_that_no_rig_can_be_are_rejected_and_counted(fitted):
