@@ -55,16 +55,6 @@ class Level(_Word):
         return self.name
 
 
-@compiled_part
-def switched(on: bool, value: float, threshold_in: float, threshold_out: float) -> bool:
-    """Compare with hysteresis: on above the first, off below the second; NaN changes nothing."""
-    if value > threshold_in:
-        return True
-    if value < threshold_out:
-        return False
-    return on
-
-
 #: A word that is held: the word in force, the word the numbers ask for, the rows that have
 #: passed since they first did, and the stamps, ns, at which they did so first for either.
 HELD: np.dtype[np.void] = np.dtype(

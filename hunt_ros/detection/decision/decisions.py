@@ -29,7 +29,7 @@ from hunt_ros.detection.decision.form import (
 from hunt_ros.detection.decision.outlook import NO_OUTLOOK, OUTLOOK
 from hunt_ros.detection.decision.rules import Rules, rows_of
 from hunt_ros.detection.output import ESTIMATE_DTYPE
-from hunt_ros.detection.regions import HELD, hold, region_of, switched
+from hunt_ros.detection.regions import HELD, hold, region_of
 
 #: All that is remembered from row to row: by the part that owns it, and the doubts that are held;
 #: the causes of an alarm that last, the latched alarm, and that it has been acknowledged.
@@ -54,10 +54,8 @@ MEMORY: np.dtype[np.void] = np.dtype(
 #: A region is left this far beyond its boundary, m/s, and changed after this time, s: the reading
 #: of a speed that is held wanders by less.
 _REGION_BAND_MPS, _REGION_S = 0.02, 0.2
-#: The margin is restored above this many times its limit,
-MARGIN_BACK = 1.5
-#: low after the first time, s, restored after it where there is room, and after the second in the
-#: hysteresis region, where the noise that made it low comes back.
+#: The margin is low after the first time, s, restored after it where there is room, and after the
+#: second in the hysteresis region, where the noise that made it low comes back.
 MARGIN_S, MARGIN_RESTORE_S = 0.1, 20.0
 #: The two amplitudes disagree after this time, s: the envelope needs as long to follow.
 _DISAGREE_S = 1.0
@@ -213,7 +211,7 @@ def _doubt(
     """Fill in the doubts of a row that is judged but for them."""
     region, state, stamp_ns = out['region'], out['state'], out['stamp_ns']
     on = m['margin']['word'] > 0
-    low = switched(on, -out['margin'], -rules.margin_in, -MARGIN_BACK * rules.margin_in)
+    low = out['margin'] < rules.margin_in
     wait = MARGIN_S
     if math.isnan(out['margin']):
         # No unstable branch: below v_n there is room enough, above v_c there is none. What

@@ -45,7 +45,7 @@ import numpy as np
 from hunt_ros.compiled import compiled_part
 from hunt_ros.detection.decision import likelihood
 from hunt_ros.detection.decision.rules import Rules, rows_of
-from hunt_ros.detection.regions import HELD, State, hold, switched
+from hunt_ros.detection.regions import HELD, State, hold
 
 #: What is remembered: the two machines; the cause of the last step of the hunting (one of those
 #: below); the amplitude of the hunting (m, NaN before any), and whether the motion stands clear
@@ -124,7 +124,8 @@ def judge(
         known to return.
     """
     hunting, stamp_ns, quiet = memory['hunting']['word'], out['stamp_ns'], out['noise_floor']
-    disturbed = switched(memory['disturbed'], a, CLEAR * quiet, CALM * quiet)
+    disturbed = a > (CALM if memory['disturbed'] else CLEAR) * quiet
+    disturbed |= memory['disturbed'] and math.isnan(quiet)
     memory['disturbed'] = disturbed
     excess, some = likelihood.excess(rules, ratios), likelihood.SOME * rules.evidence
     falls = ratios['fall'] > _FALLING * rules.evidence

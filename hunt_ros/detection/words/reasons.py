@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from hunt_ros.detection import doubts, health
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.decision import states
-from hunt_ros.detection.decision.decisions import MARGIN_BACK
 from hunt_ros.detection.decision.limits import LIMITS, limit_cause
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
@@ -189,12 +188,11 @@ def margin_cause(row: np.void, basis: Basis) -> str:
             return 'quiet motion is unstable at this speed'
         gone = 'quiet motion of any amplitude is stable at this speed'
         return f'{gone}, but it is not quiet yet' if low else gone
-    limit = basis.config.margin_in * (1.0 if low else MARGIN_BACK)
     least, most = float(row['margin_low']), float(row['margin_high'])
     interval = f'{least:.3g} to {most:.3g}' if math.isfinite(most) else f'at least {least:.3g}'
     return (
         f'unstable amplitude over amplitude is {margin:.3g} ({interval}),'
-        f' limit {limit:g}; {_unstable(row)}, {_size(row)}'
+        f' limit {basis.config.margin_in:g}; {_unstable(row)}, {_size(row)}'
     )
 
 
