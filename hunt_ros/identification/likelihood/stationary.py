@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from hunt_ros.dynamics.growth_law import TERMS, GrowthLaw
 
@@ -112,8 +113,7 @@ def _moments(law: GrowthLaw, speed: float, line: float, noise: Array) -> tuple[f
         return math.nan, math.nan
     a, rate = a[:end], rate[:end]
     push = forcing(noise, u, a**2)
-    drift = 2.0 * a * rate / push
-    potential = np.concatenate([[0.0], np.cumsum(0.5 * (drift[1:] + drift[:-1]) * np.diff(a))])
+    potential = cumulative_trapezoid(2.0 * a * rate / push, a, initial=0.0)
     density = a / push * np.exp(potential - potential.max())
     density /= density.sum()
     mean = float(density @ a)

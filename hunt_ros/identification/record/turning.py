@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import gaussian_filter1d
 
 from hunt_ros.estimation.turning import SPEED_STD, continuous
@@ -66,7 +67,7 @@ def with_angle(record: Record, settings: IdentificationSettings) -> Record:
     time, lateral = motion.seconds(), motion.values
     running = np.interp(time, told.seconds(int(motion.stamps_ns[0])), np.abs(told.values))
     turning = running * 2.0 / diameter
-    angle = np.concatenate([[0.0], np.cumsum(0.5 * (turning[1:] + turning[:-1]) * np.diff(time))])
+    angle = cumulative_trapezoid(turning, time, initial=0.0)
     angle = follow_lines(time, lateral, angle, settings.orders)
     return _with_roller(record, Series(motion.stamps_ns, angle))
 
