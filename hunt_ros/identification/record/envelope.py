@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from hunt_ros.identification.record.channels import Channels
@@ -250,11 +251,8 @@ def without_beat(envelope: Envelope) -> Envelope:
 def _steady(amplitude: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Instants around which the amplitude, averaged over the beat, stays where it is."""
     logs = np.log(np.where(amplitude > 0.0, amplitude, np.nan))
-    steady = np.zeros(amplitude.size, dtype=bool)
-    for k in range(3, amplitude.size - 3):
-        before, after = np.mean(logs[k - 3 : k + 1]), np.mean(logs[k : k + 4])
-        steady[k] = abs(after - before) < _STEADY
-    return steady
+    mean = sliding_window_view(logs, 4).mean(axis=1)
+    return np.pad(np.abs(mean[3:] - mean[:-3]) < _STEADY, 3)
 
 
 def _beat(
