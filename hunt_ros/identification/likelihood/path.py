@@ -57,19 +57,13 @@ class Path:
         if self.recording is None or not self.recording.any():
             return [self]
         edges = np.searchsorted(self.recording, np.arange(int(self.recording.max()) + 2))
-        return [
-            Path(
-                self.time[a:b],
-                self.u[a:b],
-                self.phasor[a:b],
-                self.restart[a:b],
-                self.blur,
-                self.reach,
-                self.overlap,
-                None if self.line is None else self.line[a:b],
-            )
-            for a, b in itertools.pairwise(edges.tolist())
-        ]
+        return [self._part(slice(a, b)) for a, b in itertools.pairwise(edges.tolist())]
+
+    def _part(self, place: slice) -> Path:
+        """Return the path of one recording."""
+        traces = {name: getattr(self, name)[place] for name in ('time', 'u', 'phasor', 'restart')}
+        line = None if self.line is None else self.line[place]
+        return replace(self, **traces, line=line, recording=None)
 
     @cached_property
     def starts(self) -> NDArray[np.bool_]:
