@@ -264,7 +264,7 @@ class _Analysis:
         first = int(broken[-1]) + 1 if broken.size else 0
         if amplitude.size - first < _SPAN:
             return None, 'too short after the last kick or gap'
-        tail = steady_part(amplitude[first:], _SPAN)
+        tail = steady_part(amplitude[first:])
         steady = amplitude[first:][tail] if tail is not None else amplitude[:0]
         dips = steady.size and steady.min() < _DIPS * steady.max()
         if tail is None or (dips and steady.mean() > self.threshold):
@@ -334,7 +334,7 @@ def drift(amplitude: Array) -> float:
     return math.log(float(amplitude[half:].mean() / amplitude[:half].mean()))
 
 
-def steady_part(amplitude: Array, least: int) -> slice | None:
+def steady_part(amplitude: Array) -> slice | None:
     """
     Longest tail over which the amplitude does not drift.
 
@@ -342,8 +342,6 @@ def steady_part(amplitude: Array, least: int) -> slice | None:
     ----------
     amplitude : ndarray, shape (n,)
         m, free of NaN.
-    least : int
-        Fewest instants that count.
 
     Returns
     -------
@@ -352,7 +350,7 @@ def steady_part(amplitude: Array, least: int) -> slice | None:
     """
     n = amplitude.size
     start = 0
-    while n - start >= least:
+    while n - start >= _SPAN:
         tail = amplitude[start:]
         # The error is that of the second half, or an approach would excuse itself.
         half = tail[tail.size // 2 :]

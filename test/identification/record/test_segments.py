@@ -47,10 +47,10 @@ def test_the_steady_part_leaves_out_the_approach():
     rng = np.random.default_rng(1)
     x = np.arange(100)
     amplitude = 6e-4 * (1.0 - 0.8 * np.exp(-x / 10.0)) + 1e-6 * rng.standard_normal(100)
-    part = steady_part(amplitude, 6)
+    part = steady_part(amplitude)
     assert part is not None
     assert 20 < part.start < 80
-    assert steady_part(6e-4 * np.exp(0.03 * x), 6) is None
+    assert steady_part(6e-4 * np.exp(0.03 * x)) is None
 
 
 def test_a_staircase_gives_one_state_a_plateau_with_its_direction(records):
