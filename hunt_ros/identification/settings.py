@@ -51,7 +51,10 @@ class IdentificationSettings(Rig):
     def __post_init__(self) -> None:
         super().__post_init__()
         fine = all(0.0 <= a < b < math.inf and number >= 0 for a, b, number in self.ignore)
-        _require('ignore', self.ignore, fine, '0 <= from < to, and a number')
+        if not fine:
+            raise ConfigError(
+                f'identification: ignore must be 0 <= from < to, and a number, got {self.ignore}'
+            )
 
     @property
     def length_unit(self) -> float:
@@ -69,8 +72,3 @@ class IdentificationSettings(Rig):
         wheel = self.wheel_diameter_m
         own = (self.roller_diameter_m / wheel,) if wheel > 0.0 else ()
         return np.array([*(x for x in self.lines if x > 0.0), *own], dtype=np.float64)
-
-
-def _require(name: str, value: object, fine: bool, expected: str) -> None:
-    if not fine:
-        raise ConfigError(f'identification: {name} must be {expected}, got {value}')
