@@ -44,8 +44,6 @@ def find_kicks(channels: Channels, envelope: Envelope) -> NDArray[np.bool_]:
     amplitude, residual = envelope.amplitude, envelope.residual
     kicked = np.zeros(amplitude.size, dtype=bool)
     known = np.isfinite(residual)
-    if known.sum() < 4:
-        return kicked
     usual = float(np.median(residual[known]))
     jump = known & (np.nan_to_num(residual) > _JUMP_NOISE * usual)
     jump &= np.nan_to_num(residual) > _JUMP_SHARE * np.nan_to_num(amplitude)
