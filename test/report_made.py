@@ -50,10 +50,7 @@ def identification_of(form: NormalForm = PAPER_NORMAL_FORM, **more: Any) -> Iden
         ends = [float(x) for x in form.steady_amplitudes(speed)]
         unstable, stable = (Uncertain(x, 0.02 * x) if np.isfinite(x) else None for x in ends)
         branches.append(BranchPoint(float(speed), stable, unstable))
-    fit = FitSummary(
-        'trajectory least squares', 'quintic', 31, 35, 4.6e-6, False, (), 0.4,
-        212.0, True,
-    )  # fmt: skip
+    fit = FitSummary('quintic', 31, 4.6e-6, False, (), 0.4, 212.0, True)
     found = Identification(
         normal_form=one,
         v_c=Uncertain(v_c, one.std('v_c')),

@@ -42,7 +42,7 @@ GIVEN, PAPERS = 'given', 'rig of the paper'
 _KEYS = {'fold_amplitude': 'fold_amplitude_m', 'disturbance': 'disturbance_m'}
 
 #: Version of the file: another one is refused. A dataclass that moves needs a new one.
-_VERSION = 6
+_VERSION = 7
 #: What reading raises of a file that holds something else, or is spoilt.
 _SPOILT = (
     HuntError, ValueError, KeyError, TypeError, AttributeError, ImportError, EOFError,
@@ -61,14 +61,10 @@ class FitSummary:
 
     Parameters
     ----------
-    method : str
     law : str
         The growth law: 'quintic with saturation'.
     segments : int
         Stretches of the recordings that were used.
-    initial_amplitudes : int
-        Stretches of the envelope with an initial amplitude of their own: one more behind
-        every gap and kick.
     residual_rms : float
         Of the one-step prediction of the amplitude, m.
     lack_of_fit : bool
@@ -85,10 +81,8 @@ class FitSummary:
         Cramer and Rao's bound on the deviation of v_c under the law, m/s.
     """
 
-    method: str
     law: str
     segments: int
-    initial_amplitudes: int
     residual_rms: float = field(metadata=key('residual_rms_m'))
     lack_of_fit: bool
     lack_of_fit_because: Sequence[str]

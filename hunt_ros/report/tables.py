@@ -234,10 +234,8 @@ def fit_quality(one: Identification) -> str:
     because = '; '.join(fit.lack_of_fit_because) or 'the form does not describe these data'
     cells = {
         'criticality': one.criticality or shown(one.why('criticality')),
-        'method': escape(fit.method),
         'growth law': escape(fit.law),
         'segments used': shown(fit.segments),
-        'stretches with an initial amplitude of their own': shown(fit.initial_amplitudes),
         'fit has converged': 'yes' if fit.converged else 'no',
         'residual, rms (µm)': shown(
             _known(one, fit.residual_rms, 'fit.residual_rms_m'), 1e6, digits=2

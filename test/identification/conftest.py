@@ -43,7 +43,7 @@ def identification_of_the_paper(seed: int = 1) -> Identification:
         observed=ObservedCriticalSpeeds(),
         disturbance=None,
         four_point=None,
-        fit=FitSummary('none', QUINTIC, 0, 0, 0.0, False, (), 1.0, 1.0, True),
+        fit=FitSummary(QUINTIC, 0, 0.0, False, (), 1.0, 1.0, True),
         posterior=posterior,
     )
 

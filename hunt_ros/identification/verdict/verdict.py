@@ -467,10 +467,8 @@ def _summary(evidence: Evidence, misfit: LackOfFit, lacks: Sequence[str]) -> Fit
     used = (inside[:, 0] * np.exp(0.5 * inside[:, 2]))[inside[:, 2] != 0.0]
     rms = float(np.sqrt(np.mean(used**2))) if used.size else math.nan
     return FitSummary(
-        method='trajectory likelihood',
         law=best.law.name,
         segments=sum(segment.used for segment in evidence.segments),
-        initial_amplitudes=int(best.path.starts.sum()),
         residual_rms=best.law.scales.amplitude * rms,
         lack_of_fit=bool(lacks),
         lack_of_fit_because=tuple(lacks),
