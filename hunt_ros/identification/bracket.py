@@ -14,22 +14,19 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from hunt_ros.analysis.steady_state import ABOVE_NOISE, threshold_of_motion
 from hunt_ros.dynamics.growth_law import GrowthLaw
-from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.events import (
     ONE_SPEED,
     SMALLEST,
     Event,
     events_of,
 )
+from hunt_ros.identification.record.segments import Run
 from hunt_ros.samples import as_json
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Bounds = tuple[float | None, float | None]
 
 
@@ -217,16 +214,14 @@ def _words(event: Event) -> str:
     return words[event.kind]
 
 
-def bracket_of(envelopes: Sequence[Envelope], kicked: Sequence[Mask]) -> Bracket:
+def bracket_of(runs: Sequence[Run]) -> Bracket:
     """
     Find the events, and what they bound.
 
     Parameters
     ----------
-    envelopes : sequence of Envelope
+    runs : sequence of Run
         Of all recordings.
-    kicked : sequence of ndarray of bool, shape (n,) each
-        Instants of each envelope whose windows hold a kick.
 
     Returns
     -------
@@ -234,32 +229,27 @@ def bracket_of(envelopes: Sequence[Envelope], kicked: Sequence[Mask]) -> Bracket
         Where all amplitudes are of one kind only rest whose damping was seen: of the others
         nothing tells whether they are rest or a limit cycle.
     """
-    amplitude = np.concatenate([one.amplitude for one in envelopes])
+    seen = [run.seen for run in runs]
+    amplitude = np.concatenate([one.amplitude for one in seen])
     large = threshold_of_motion(amplitude)
     if large is None:
         one_kind = float(np.nanmedian(amplitude)), math.inf, math.inf
-        return _bounds([e for e in _events(envelopes, kicked, one_kind) if e.damped], math.inf)
+        return _bounds([e for e in _events(runs, one_kind) if e.damped], math.inf)
     rest = float(np.median(amplitude[np.isfinite(amplitude) & (amplitude <= large)]))
     large = max(large, ABOVE_NOISE * rest)
     # Kicks reach further than any limit cycle, for an instant. Motion at another frequency is none
     # of hunting, and no rest either.
     sizes = [
         np.fmax(one.amplitude, np.where(np.isfinite(one.amplitude), one.residual, np.nan))
-        for one in envelopes
+        for one in seen
     ]
     top = max(float(np.nanmax(median_filter(size, size=7))) for size in sizes)
-    return _bounds(_events(envelopes, kicked, (rest, large, top)), top)
+    return _bounds(_events(runs, (rest, large, top)), top)
 
 
-def _events(
-    envelopes: Sequence[Envelope], kicked: Sequence[Mask], levels: tuple[float, float, float]
-) -> list[Event]:
-    """Return the events of all envelopes by the levels of `events_of`."""
-    return [
-        event
-        for one, struck in zip(envelopes, kicked, strict=True)
-        for event in events_of(one, struck, levels)
-    ]
+def _events(runs: Sequence[Run], levels: tuple[float, float, float]) -> list[Event]:
+    """Return the events of all runs by the levels of `events_of`."""
+    return [event for run in runs for event in events_of(run.seen, run.kicked, levels)]
 
 
 def _bounds(events: Sequence[Event], top: float) -> Bracket:

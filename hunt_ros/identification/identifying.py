@@ -117,7 +117,7 @@ def identify(
             lambda part: tell(_READ + (_SEEN - _READ) * part),
         )
         states = [state for run in runs for state in run.states]
-        bracket = bracket_of([run.seen for run in runs], [run.kicked for run in runs])
+        bracket = bracket_of(runs)
         kicks = [*bracket.kicks, *(kick for run in runs for kick in run.kicks)]
         threshold = threshold_of_motion(np.concatenate([run.envelope.amplitude for run in runs]))
         observed = ObservedCriticalSpeeds()

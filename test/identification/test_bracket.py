@@ -31,7 +31,7 @@ def seen_in(*records):
     runs = [
         run for record in records for run in runs_in(Recording(record, 1, settings), 2.835, 0.0)[0]
     ]
-    return bracket_of([run.seen for run in runs], [run.kicked for run in runs])
+    return bracket_of(runs)
 
 
 def held(make, speed, kick, seed, form=PAPER_NORMAL_FORM):
