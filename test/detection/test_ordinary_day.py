@@ -137,6 +137,14 @@ def test_what_escapes_after_a_kick_does_not_die_out_in_the_limit_cycle(
     assert escaped > 6
 
 
+def test_what_lingers_just_below_the_fold_is_no_limit_cycle(recorded, true_form) -> None:
+    # It falls by less than the least damping of a rig, and the form says so.
+    speed = 0.997 * true_form.form.nonlinear_critical_speed
+    for seed in range(2):
+        record = recorded(speed, 40.0, kicks=[(20.0, 0.7e-3)], seed=seed, roughness=(20e-6,))
+        assert not said(detect(HuntingDetector(normal_form=true_form), record), 'limit_cycle')
+
+
 @pytest.mark.parametrize('broadband', [8e-7, 2e-6, 4e-6])
 @pytest.mark.parametrize('informed', [True, False])
 def test_steps_of_the_sensor_are_no_limit_cycle(true_form, broadband, informed) -> None:
