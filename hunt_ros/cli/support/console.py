@@ -208,7 +208,7 @@ class Keys:
         return self._before is not None
 
     def __enter__(self) -> Keys:
-        if sys.stdin is not None and sys.stdin.isatty():
+        if sys.stdin is not None and sys.stdin.isatty() and _in_front(sys.stdin.fileno()):
             import termios
             import tty
 
@@ -234,9 +234,11 @@ class Keys:
         found = b''
         until_s = time.monotonic() + _LONGEST_S
         while self.active and select.select([sys.stdin], [], [], _BURST_S if found else 0.0)[0]:
-            read = os.read(sys.stdin.fileno(), 1024)
+            read = b''
+            with suppress(OSError):
+                read = os.read(sys.stdin.fileno(), 1024)
             found += read
-            if not read:  # the terminal is gone
+            if not read:  # the terminal is gone, or the shell's
                 self._before = None
             if time.monotonic() > until_s:
                 break
@@ -246,3 +248,11 @@ class Keys:
         if len(keys) > 1:
             self._deaf_s = time.monotonic() + _DEAF_S
         return ''
+
+
+def _in_front(terminal: int) -> bool:
+    """Return True unless what is typed there is for the shell, as after `hunt run &`."""
+    try:
+        return os.tcgetpgrp(terminal) == os.getpgrp()
+    except OSError:  # no shell has it
+        return True

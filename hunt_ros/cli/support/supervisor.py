@@ -48,6 +48,8 @@ from hunt_ros.suite import (
 _PR_SET_PDEATHSIG = 1
 #: What ends a run; all of them let it take the roller down and close its recording.
 _ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+#: With these a shell stops what is to start again what dies: Ctrl-Z, a key, `hunt run &`.
+_STOPS = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
 #: What the nodes themselves listen for, see `hunt_ros.nodes.support.ending`.
 _HELD_BACK = (signal.SIGINT, signal.SIGTERM)
 _GRACE_S = {signal.SIGINT: 8.0, signal.SIGTERM: 2.0, signal.SIGKILL: 2.0}
@@ -386,10 +388,11 @@ class Supervisor:
     def __enter__(self) -> Supervisor:
         compile_all()  # here, where somebody may wait and interrupt: a node compiles nothing
         if threading.current_thread() is threading.main_thread():
-            for number in _ENDINGS:
+            for number in (*_ENDINGS, *_STOPS):
                 ignored = signal.getsignal(number) is signal.SIG_IGN
+                handler = signal.SIG_IGN if number in _STOPS else self._on_signal
                 if not (number == signal.SIGHUP and ignored):  # as nohup leaves it
-                    self._handlers[number] = signal.signal(number, self._on_signal)
+                    self._handlers[number] = signal.signal(number, handler)
         return self
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:

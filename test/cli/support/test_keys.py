@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import io
 import os
+import pty
+import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -159,3 +162,37 @@ def test_a_terminal_that_takes_nothing_holds_up_no_end(monkeypatch) -> None:
         os.close(ours)  # lets go of whoever waits
         ending.join(30.0)
     assert ended
+
+
+@pytest.mark.parametrize('place', ['&', ''])
+def test_job_control_of_a_shell_stops_no_run(tmp_path: Path, place: str) -> None:
+    """Ctrl-Z, and `hunt run &`: what has died would not be started again."""
+    program = tmp_path / 'program.py'
+    program.write_text(
+        'import os, signal\n'
+        'from pathlib import Path\n'
+        'from hunt_ros.cli.support.console import Keys\n'
+        'from hunt_ros.cli.support.supervisor import Supervisor\n'
+        "with Supervisor('rig', Path('.'), False), Keys() as keys:\n"
+        '    os.kill(os.getpid(), signal.SIGTSTP)\n'
+        '    keys.pressed()\n'
+        f'    Path({str(tmp_path / "came")!r}).write_text(str(keys.active))\n'
+    )
+    pid, terminal = pty.fork()
+    if not pid:
+        words = f'set -m; {sys.executable} {program} {place}\nsleep 30'
+        os.execvp('sh', ['sh', '-c', words])
+    threading.Thread(target=_drain, args=(terminal,), daemon=True).start()
+    deadline = time.monotonic() + 30.0
+    while not (came := tmp_path / 'came').exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    time.sleep(0.1)
+    os.kill(pid, signal.SIGKILL)
+    os.waitpid(pid, 0)
+    assert came.read_text() == ('False' if place else 'True'), 'the keys are those of the shell'
+
+
+def _drain(terminal: int) -> None:
+    with suppress(OSError):
+        while os.read(terminal, 1024):
+            pass
