@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hunt_ros.drivers.alarm_output import Call, Command, Condition, Relay, Sound
+from hunt_ros.drivers.alarm_output import AlarmSettings, Call, Command, Condition, Relay, Sound
 from hunt_ros.drivers.modbus import ModbusBus
 from hunt_ros.errors import ConfigError, DriverError
 
@@ -185,3 +185,11 @@ def test_an_acknowledgement_counts_until_something_new() -> None:
     call.hear(101.0, {'level': 'STALE', 'message': 'why'})
     assert call.look(101.0)
     assert not call.acknowledged
+
+
+def test_a_slip_in_the_section_of_the_alarm_is_refused_where_its_node_is_not_started() -> None:
+    text = '/**/alarm_outputs: {ros__parameters: {comand: sh}}'
+    with pytest.raises(
+        ConfigError, match=r"rig\.yaml: alarm_outputs: unknown.*'comand'.* command"
+    ):
+        AlarmSettings.told([('rig.yaml', text)])
