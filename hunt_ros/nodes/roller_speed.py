@@ -109,6 +109,8 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         # The machine's clock may be set while the roller turns: only a simulated rig, whose
         # time is that of /clock, is driven by another clock than the steady one.
         simulated_time = self.get_parameter('use_sim_time').value
+        if simulated_time and self._config.driver != SpeedConfig.driver:
+            raise ConfigError('use_sim_time: a drive that is real runs by the steady clock')
         self._steady = steady_clock()
         self._profile_clock = self.get_clock() if simulated_time else self._steady
         state, damaged = self._kept()
@@ -142,6 +144,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         self._published = 0
         #: When the end was asked for, and when the node ends at the latest, steady clock.
         self._asked_s, self._ends_s = math.inf, -math.inf
+        self._left = False  # at the end, as it is: nothing trips any more
         self._new = NewSince()
         self._written = joint_writer(['roller'], self._config.frame_id, velocity=True)
         self._speed = self.create_publisher(TwistStamped, 'speed', stream(MEASUREMENTS))
@@ -280,7 +283,8 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             self._guard.displacement.take(now_s, samples)
         if text := self._guard.unsaved(running=True):
             self._to_keep.append(text)
-        if (change := self._guard.watch(self._steady_ns(), self._profile_ns())) is not None:
+        change = None if self._left else self._guard.watch(self._steady_ns(), self._profile_ns())
+        if change is not None:
             goal_mps = self._guard.command.forced_mps
             self._tell(change, f'; the roller goes to {goal_mps:.2f} m/s until speed/rearm')
 
@@ -385,7 +389,8 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         guard, now_s = self._guard, time.monotonic()
         left_alone = math.isnan(guard.target_mps) and not guard.command.forced
         unguarded = left_alone and guard.interlock.state == 'disarmed'
-        if unguarded or not self._config.slow_down_at_end:
+        self._left = unguarded or not self._config.slow_down_at_end
+        if self._left:
             return True
         # Again and again: no rearm ends it. Nobody watches where who started this one has died.
         speed_mps, safe_mps = guard.readings.speed_mps, guard.end(abandoned())

@@ -147,6 +147,17 @@ def test_a_run_that_ends_while_it_hunts_ends_at_a_stop(
     assert drive.speed_mps == pytest.approx(4.5 if detector.level == 'OK' else 0.0, abs=0.1)
 
 
+def test_a_roller_that_is_left_as_it_is_trips_nothing(graph, resident, detector) -> None:
+    """Its rig ends at the same moment, where it is a simulated one."""
+    drive = Drive(6.0)
+    rig = _held_at(graph, resident, detector, drive, slow_down_at_end=False)
+    assert rig.node.wind_down()
+    drive.breaks = True
+    graph.spin_until(lambda: drive.opened == 2)
+    graph.spin(0.5)
+    assert rig.events == []
+
+
 @pytest.mark.parametrize('end', ['emergency_stop', 'stop_profile'])
 def test_after_any_stop_no_profile_starts_by_itself(graph, resident, detector, end) -> None:
     drive = Drive(6.0)

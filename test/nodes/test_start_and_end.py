@@ -31,6 +31,11 @@ DEPTH = 'qos_overrides./rig/lateral.subscription.depth'
         ('axle_box_sensor', {}, "driver simulated: no channel 'axle_box', it has lateral, yaw"),
         ('yaw_sensor', {'calibration': 'table.yaml'}, "table.yaml: unknown key 'table'"),
         ('roller_speed', {'driver': 'modbus'}, 'neither actual_register nor encoder_register'),
+        (
+            'roller_speed',
+            {'driver': 'modbus', 'actual_register': 1, 'use_sim_time': True},
+            'use_sim_time: a drive that is real runs by the steady clock',
+        ),
         ('roller_speed', {'profile': 'hold.yaml'}, 'step 1 (hold): duration_s: -1.0 is below 0'),
         ('rig_simulator', {'wheelset': 'binary.yaml'}, "wheelset 'binary.yaml': cannot read it"),
         ('alarm_outputs', {}, 'none of sound, command and relay_coil'),
