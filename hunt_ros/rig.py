@@ -23,7 +23,7 @@ from typing import Any, TypeVar
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import CHANNELS, USUAL_CHANNELS
 from hunt_ros.sensors import DISPLACEMENTS
-from hunt_ros.settings import Settings, checked, setting, yaml_document, yaml_value
+from hunt_ros.settings import Settings, checked, meant, setting, yaml_document, yaml_value
 from hunt_ros.suite import NODES
 
 _Kind = TypeVar('_Kind', bound=Settings)
@@ -327,6 +327,14 @@ def told_by(settings: _Kind, node: str, texts: Iterable[tuple[str, str]]) -> _Ki
         except ConfigError as error:
             raise ConfigError(f'{source}: {error}') from error
     return settings
+
+
+def refuse_slips(node: str, known: set[str], texts: Iterable[tuple[str, str]]) -> None:
+    """Refuse what is all but one of these names; any other may be of the node itself."""
+    for source, text in texts:
+        for name in parameters_of(node, text, source).keys() - known - PARAMETERS:
+            if near := meant(str(name), known):
+                raise ConfigError(f'{source}: section {node}: unknown {name}, expected {near}')
 
 
 def parameters_of(node: str, text: str, source: str) -> dict[str, Any]:

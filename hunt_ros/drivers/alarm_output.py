@@ -21,9 +21,8 @@ from functools import partial
 from hunt_ros.drivers.interlock import BLIND
 from hunt_ros.drivers.modbus import ModbusBus, ModbusLink
 from hunt_ros.errors import ConfigError, DriverError
-from hunt_ros.rig import PARAMETERS as RIG
-from hunt_ros.rig import parameters_of, told_by
-from hunt_ros.settings import meant, setting
+from hunt_ros.rig import refuse_slips, told_by
+from hunt_ros.settings import setting
 from hunt_ros.suite import ALARM_OUTPUTS, START_S
 
 #: A sound is played so often; one that is longer than this hangs, and so does a command, s.
@@ -300,12 +299,9 @@ class AlarmSettings(ModbusBus):
         """
         known = list(texts)
         settings = told_by(AlarmSettings(), ALARM_OUTPUTS, known)
-        names = [item.name for item in fields(settings)]
+        # Without an output no node is started, which would do it.
+        refuse_slips(ALARM_OUTPUTS, {item.name for item in fields(settings)}, known)
         try:
-            for source, text in known:  # a node that is not started refuses nothing
-                for name in parameters_of(ALARM_OUTPUTS, text, source).keys() - {*names, *RIG}:
-                    if near := meant(name, names):
-                        raise ConfigError(f'unknown parameter {name!r}, expected {near}')
             return settings.outputs()
         except ConfigError as error:
             sources = ', '.join(source for source, _ in known)

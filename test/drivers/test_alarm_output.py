@@ -188,8 +188,9 @@ def test_an_acknowledgement_counts_until_something_new() -> None:
 
 
 def test_a_slip_in_the_section_of_the_alarm_is_refused_where_its_node_is_not_started() -> None:
-    text = '/**/alarm_outputs: {ros__parameters: {comand: sh}}'
+    text = '/**/alarm_outputs: {ros__parameters: {relay_coils: 3}}'
     with pytest.raises(
-        ConfigError, match=r"rig\.yaml: alarm_outputs: unknown.*'comand'.* command"
+        ConfigError,
+        match=r'rig\.yaml: section alarm_outputs: unknown relay_coils, expected relay_coil',
     ):
         AlarmSettings.told([('rig.yaml', text)])

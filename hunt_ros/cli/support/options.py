@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from hunt_ros.errors import ConfigError, HuntError
-from hunt_ros.settings import Settings, meant
+from hunt_ros.settings import Settings
 from hunt_ros.suite import DRIVE
 
 if TYPE_CHECKING:
@@ -358,15 +358,11 @@ def settings_of(arguments: argparse.Namespace, node: str, *kinds: type[_Kind]) -
     ConfigError
         Naming the file or word, and what was expected.
     """
-    from hunt_ros.rig import PARAMETERS, parameters_of, told_by
+    from hunt_ros.rig import refuse_slips, told_by
 
     texts = rig_texts(arguments)
     known = {item.name for kind in kinds for item in fields(kind)}
-    for source, text in texts:
-        for name in parameters_of(node, text, source).keys() - known - PARAMETERS:
-            # A parameter of the node itself is no business of a replay; a slip of the pen is.
-            if near := meant(str(name), known):
-                raise ConfigError(f'{source}: section {node}: unknown {name}, expected {near}')
+    refuse_slips(node, known, texts)
     return [told_by(kind(), node, texts) for kind in kinds]
 
 
