@@ -17,6 +17,8 @@ _FINE_STEP, _LARGEST_STEP = 1e-3, 0.012
 #: A reading that stands so many times longer than those beside it is that of a hold; one that
 #: stands for less than so much of what is usual is on the way to another one.
 _HOLD, _BRIEF = 3.0, 0.25
+#: Means over blocks of a record in a cycle of the hunting, at least.
+_SAMPLES = 40.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +51,42 @@ class Channels:
         names = ('time', 'lateral', 'speed', 'roller')
         parts = {name: getattr(self, name)[place] for name in names}
         return replace(self, **parts, rate_hz=self.rate_hz / (place.step or 1))
+
+    def averaged(self, frequency_hz: float) -> Channels:
+        """
+        Return means over blocks, each of a fortieth of a cycle at most.
+
+        A mean over a block makes a sinusoid smaller by sinc(f T); at the frequency it is made
+        good. Samples that dropped out leave the mean of the others, if these are half of it.
+        """
+        count = int(self.rate_hz / (_SAMPLES * frequency_hz))
+        yaw = self.yaw and self.yaw.averaged(frequency_hz)
+        if count < 2:
+            return replace(self, yaw=yaw)
+        blocks = self.time.size // count
+
+        def means(values: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:
+            """Return weighted means over the blocks, shape (blocks,)."""
+            parts = values[: blocks * count].reshape(blocks, count)
+            mean: NDArray[np.float64] = np.average(parts, axis=1, weights=weight)
+            return mean
+
+        known = np.isfinite(self.lateral[: blocks * count]).reshape(blocks, count)
+        # One across a gap is none.
+        first, last = self.time[: blocks * count].reshape(blocks, count).T[[0, -1]]
+        told = (2 * known.sum(axis=1) >= count) & (last - first < 1.5 * count / self.rate_hz)
+        weight = np.where(told[:, None], known, 1.0)
+        lateral = means(np.nan_to_num(self.lateral), weight)
+        loss = np.sinc(frequency_hz * count / self.rate_hz)
+        return replace(
+            self,
+            time=means(self.time, weight),
+            lateral=np.where(told, lateral / loss, np.nan),
+            speed=means(self.speed, weight),
+            roller=means(self.roller, weight) if self.roller.size else self.roller,
+            rate_hz=self.rate_hz / count,
+            yaw=yaw,
+        )
 
     def with_yaw(self, record: Record) -> Channels:
         """Return it with the yaw samples that its record has in the same time."""

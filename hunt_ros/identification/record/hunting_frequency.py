@@ -19,8 +19,6 @@ from hunt_ros.samples import NANOSECONDS, Record, Series
 
 #: Lines are looked for in so much at least of what there is, s.
 _MOST_S = 7200.0
-#: Samples in a cycle of the first pass, at least.
-_COARSE = 40.0
 
 
 Array = NDArray[np.float64]
@@ -79,14 +77,13 @@ def tracked_envelope(
     -------
     envelope : Envelope
     clean : Channels
-        The record without the lines.
+        The record without the lines, its means over a fortieth of a cycle.
     """
-    # The first pass needs the turning alone: a few dozen samples a cycle show it.
-    stride = max(int(record.rate_hz / (_COARSE * frequency_hz)), 1)
-    coarse = replace(record.part(slice(None, None, stride)), yaw=None)
-    constant = np.full(coarse.time.size, frequency_hz)
+    record = record.averaged(frequency_hz)
+    constant = np.full(record.time.size, frequency_hz)
     lines = settings.orders, fixed_hz, turning
-    first = envelope_of(free_of_lines(coarse, constant, *lines)[0], constant)
+    # The first pass needs the turning alone.
+    first = envelope_of(free_of_lines(replace(record, yaw=None), constant, *lines)[0], constant)
     offset, along = _frequency_offset(first), np.full(record.time.size, frequency_hz)
     if offset is not None:
         # Never beyond what the first pass could have seen without folding.

@@ -29,8 +29,8 @@ _KNOT_CYCLES, _EVERY = 1.5, 16
 #: Change of the speed, relative, over which the phasor of a line of the roller is one, and knots
 #: of which the median shows it.
 _MOVED, _STEADY = 0.02, 5
-#: Samples in a cycle that are looked at, about: each knot of a line has a thousand.
-_SAMPLES = 40.0
+#: Samples in which lines are looked for, at least.
+_FEWEST = 40
 #: Solved so often, with the weights that follow from the solution before.
 _ROUNDS = 4
 
@@ -66,22 +66,21 @@ def free_of_lines(
         Sum of the squared amplitudes of `orders`, m^2; NaN without a roller channel.
     """
     time, hz = channels.time, float(np.median(frequency))
-    some = slice(None, None, max(int(channels.rate_hz / (_SAMPLES * hz)), 1))
-    known = np.isfinite(channels.lateral[some])
+    known = np.isfinite(channels.lateral)
     steps = np.diff(time, prepend=time[0])
     own = orders.tolist() if channels.roller.size else []
     also = list(turning) if channels.roller.size else []
     turned = [order * channels.roller for order in (*own, *also)]
     turned += [2.0 * np.pi * hz * (time - time[0]) for hz in fixed_hz]
-    if not turned or known.sum() < _SAMPLES:
+    if not turned or known.sum() < _FEWEST:
         return channels, np.full(time.size, np.nan)
     angles = np.array(turned)
     phase = 2.0 * np.pi * np.cumsum(steps * frequency)
-    when, values, turn = (x[some][known] for x in (time - time[0], channels.lateral, phase))
+    when, values, turn = (x[known] for x in (time - time[0], channels.lateral, phase))
     step = _KNOT_CYCLES / hz
     knot = ((time - time[0]) / step).astype(np.int64)
     edges = _edges(np.bincount(knot, channels.speed) / np.maximum(np.bincount(knot), 1))
-    knots = _phasors(when, values, turn, angles[:, some][:, known], step, edges)
+    knots = _phasors(when, values, turn, angles[:, known], step, edges)
     place = edges * step
     phasors = np.array([np.interp(time - time[0], place, size) for size in knots.T])
     shown = (phasors * np.exp(1j * angles)).real.sum(axis=0)
