@@ -30,6 +30,9 @@ BranchName = Literal['stable', 'unstable']
 
 #: What is drawn together, in the order of `Posterior.table`.
 QUANTITIES: tuple[str, ...] = ('v_c', 'v_n', 'fold_amplitude', *COEFFICIENTS)
+#: Share of the draws that must have a v_c: 95 % leave 2.5 % beyond each end of the interval, and
+#: those without one all lie above it, for rest is stable in them at every speed.
+_BOUNDED = 0.975
 #: Step that spreads points evenly over an interval, however many there are.
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 #: Speeds at which the branches are given.
@@ -151,7 +154,8 @@ class Posterior:
     def number(self, name: str, extra_std: float = 0.0) -> Uncertain | None:
         """Return one of `QUANTITIES` with its interval; None where too few draws have it."""
         k = QUANTITIES.index(name)
-        return summary(self.chosen[k], self.table[:, k], extra_std)
+        least = _BOUNDED if name == 'v_c' else EXISTS
+        return summary(self.chosen[k], self.table[:, k], extra_std, least)
 
     @cached_property
     def supercritical(self) -> float | None:
