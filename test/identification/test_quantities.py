@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made import LAW
@@ -34,6 +36,16 @@ def test_a_jump_known_to_half_a_step_leaves_the_disturbance_as_open(posterior):
     assert coarse.low < ends[1]
     assert coarse.high > ends[0]
     assert fine.high - fine.low < 0.5 * (coarse.high - coarse.low)
+
+
+def test_a_critical_speed_that_its_draws_do_not_bound_from_above_is_not_given(posterior):
+    """In one of 25 draws rest is always stable: more than lie above an interval of 95 %."""
+    for without, given in ((8, True), (16, False)):
+        p = posterior.p.copy()
+        p[:without, :3] = -5.0, 0.0, 0.0
+        some = replace(posterior, p=p)
+        assert (some.number('v_c') is not None) is given
+        assert some.number('v_n') is not None
 
 
 def test_the_bands_hold_the_branches_and_widen_towards_the_fold(branches):

@@ -46,6 +46,8 @@ _MOST_FELT = 3.0
 #: Gain of the log likelihood still in reach at which a fit has converged: it is within a
 #: third of a deviation of the top.
 _REACHED = 0.05
+#: Least ln Q, ln R, ln phase noise of a start that follows no path with less, one after the other.
+_BROADER = -9.0, -6.0, -3.0, 0.0
 #: Bounds of ln Q, ln R, ln phase noise: beyond them nothing changes any more.
 _LOG_LOW, _LOG_HIGH = -32.0, 5.0
 #: What a recording has of its own: logarithms of its gain and of its scale of the speed, the
@@ -426,6 +428,12 @@ def fit_path(
     theta = np.clip(theta, low, high)
     own = np.zeros((len(path.recordings), OWN)) if own is None else own
     current = problem.expand(theta, own)
+    # A start of little noise may not follow the path at all.
+    for least in _BROADER:
+        if np.isfinite(current.value):
+            break
+        theta[-3:] = np.maximum(theta[-3:], least)
+        current = problem.expand(theta, own)
     damping = 1e-3
     for _ in range(iterations):
         if _remaining(theta, current) <= _GAIN:
