@@ -138,7 +138,7 @@ class Estimator:
         for name, block in blocks.items():
             rows[f'{name}_wrong'], usable[name], sizes = self._health[name].update(block, rows_ns)
             if name in DISPLACEMENTS:
-                for what, size in zip(('step', 'measured'), sizes, strict=True):
+                for what, size in zip(('step', 'measured', 'swing'), sizes, strict=True):
                     rows[f'{name}_{what}'] = size
         stamp, sensor, value = self._in_order(blocks, usable)
         slow = self._slow_at(np.concatenate([stamp, rows_ns]), blocks, usable)

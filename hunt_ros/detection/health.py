@@ -180,14 +180,14 @@ class ChannelHealth:
             Bits set at each row.
         usable : ndarray of bool, shape (n,)
             Samples that may be used.
-        sizes : ndarray, shape (2, m)
-            In their unit: the smallest step of the readings so far; and their largest size in the
-            last half to one period, each by the median of three, as one may be wrong. NaN where
-            the sensor shows nothing.
+        sizes : ndarray, shape (3, m)
+            In their unit: the smallest step of the readings so far; their largest size in the
+            last half to one period, each by the median of three, as one may be wrong; and half
+            their range in the last 4 to 8 s. NaN where the sensor shows nothing.
         """
         wrong = np.zeros(rows_ns.size, dtype=np.uint32)
         usable = np.zeros(block.stamps_ns.size, dtype=np.bool_)
-        sizes = np.empty((2, rows_ns.size))
+        sizes = np.empty((3, rows_ns.size))
         samples = block.stamps_ns, block.values, block.marks
         _watch(*samples, rows_ns, self._limits, self._memory, wrong, usable, sizes)
         sizes[:, (wrong & BLIND) != 0] = np.nan
@@ -224,6 +224,7 @@ def _watch(
         wrong[k] = _row(row, limits, m)
         sizes[0, k] = m['step']
         sizes[1, k] = np.fmax(m['peak'][0], m['peak'][1])
+        sizes[2, k] = 0.5 * (max(m['high'][0], m['high'][1]) - min(m['low'][0], m['low'][1]))
     while n < stamps.size:  # behind the last row only where rows were left out
         usable[n] = _sample(stamps[n], values[n], marks[n], limits, m)
         n += 1

@@ -25,9 +25,6 @@ from hunt_ros.estimation.record_motion import motion_of, turns_per_metre
 from hunt_ros.forecast import Forecast
 from hunt_ros.samples import Record
 
-#: An amplitude is for sure more than it seems less this many standard deviations.
-_SURE = 3.0
-
 
 @dataclass
 class Findings:
@@ -42,7 +39,8 @@ class Findings:
         Rows that each reason, in words, made WARN or worse.
     max_amplitude_m : float
         Largest amplitude of the hunting component, m: that of the row, of those with a sensor
-        to trust, whose amplitude less three standard deviations is the largest: while the filter
+        to trust, whose amplitude less its standard deviation is the largest. It counts for no
+        more than half the range of the readings within the last seconds: while the filter
         starts, and after a kick, it may be far off. NaN where nothing was known.
     events : list of Event
         Transitions of the detector, and of the criteria.
@@ -75,8 +73,11 @@ class Findings:
                 counter[kind(number).label] += count
         self.reason_rows += reason_counts(rows)
         from_yaw = (rows['doubts'] & doubts.FROM_YAW) != 0
-        amplitude = rows['lateral_amplitude']
-        least = amplitude - _SURE * rows['lateral_amplitude_std']
+        # Where no lateral displacement is read there is nothing to compare it with.
+        most = np.where(from_yaw, math.nan, rows['lateral_swing'])
+        most[~(most >= 0.0)] = math.inf
+        amplitude = np.minimum(rows['lateral_amplitude'], most)
+        least = amplitude - rows['lateral_amplitude_std']
         blind = np.where(from_yaw, rows['yaw_blind'], rows['lateral_blind'])
         least[~np.isfinite(least) | blind] = -math.inf
         best = int(np.argmax(least))

@@ -91,9 +91,9 @@ COLUMNS: tuple[Column, ...] = (
     *(Column(f'outside_{what}', None) for what in ('hz', *DISPLACEMENTS)),
     Column('followed_min_hz', None),
     Column('followed_max_hz', None),
-    # The smallest steps of the readings; of the motion that is judged its steps, its amplitude and
-    # that outside the range that is followed.
-    *(Column(f'{x}_step', None) for x in DISPLACEMENTS),
+    # The smallest steps of the readings, half their range in the last seconds; of the motion that
+    # is judged its steps, its amplitude, and that outside the range that is followed.
+    *(Column(f'{x}_{what}', None) for x in DISPLACEMENTS for what in ('step', 'swing')),
     *(Column(name, None) for name in ('step', 'judged', 'judged_std', 'outside_judged')),
     *(Column(name, None, dtype=np.int8) for name in ('region', 'state', 'level')),
     # When region, state and the word on the margin began, and the evidence behind the state.
