@@ -10,6 +10,7 @@ import asyncio
 import os
 import select
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -32,6 +33,8 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 # For rclpy in the process of a test: without a home it finds no place for its log.
 if 'HOME' not in os.environ:
     os.environ.setdefault('ROS_LOG_DIR', tempfile.gettempdir())
+# What is tested is hung up as a terminal does it: not ignored, as under nohup.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 # No time limit an example: the first one compiles a kernel, and other programs may run. The
 # same examples on every machine, and nothing kept in the source tree.
