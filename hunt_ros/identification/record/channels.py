@@ -50,7 +50,7 @@ class Channels:
         """Return the samples of a slice; the time of the record stays."""
         names = ('time', 'lateral', 'speed', 'roller')
         parts = {name: getattr(self, name)[place] for name in names}
-        return replace(self, **parts, rate_hz=self.rate_hz / (place.step or 1))
+        return replace(self, **parts)
 
     def averaged(self, frequency_hz: float) -> Channels:
         """
@@ -58,6 +58,11 @@ class Channels:
 
         A mean over a block makes a sinusoid smaller by sinc(f T); at the frequency it is made
         good. Samples that dropped out leave the mean of the others, if these are half of it.
+
+        Parameters
+        ----------
+        frequency_hz : float
+            Of the hunting, Hz.
         """
         count = int(self.rate_hz / (_SAMPLES * frequency_hz))
         yaw = self.yaw and self.yaw.averaged(frequency_hz)
