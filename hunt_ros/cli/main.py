@@ -109,6 +109,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         told = os.environ.get('COMP_LINE', '').split()
         argcomplete.autocomplete(parser_of(told[1] if len(told) > 1 else None))
     name = f'hunt {words[0]}' if words and words[0] in VERBS else 'hunt'
+    for at, usual in enumerate(('stdin', 'stdout', 'stderr')):
+        if getattr(sys, usual) is None:  # closed (`>&-`): its number is that of the next file
+            null = os.open(os.devnull, os.O_RDWR)
+            setattr(sys, usual, os.fdopen(null, 'w' if at else 'r'))
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal may lack a sign of a name
             stream.reconfigure(errors='replace')

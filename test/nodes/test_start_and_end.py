@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import signal
 import socket
 import subprocess
@@ -170,6 +171,27 @@ def test_the_first_minute_of_a_simulated_run_and_its_end_are_quiet(
     said = _run(run, tmp_path, 'never', machine)
     assert 'recording' in said
     assert loud_lines(said) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('name', 'value'), [('RMW_IMPLEMENTATION', 'rmw_none'), ('ROS_LOG_DIR', '/proc/none')]
+)
+def test_a_ros_that_does_not_start_ends_the_run(
+    tmp_path, machine, domain, monkeypatch, name, value
+) -> None:
+    monkeypatch.setenv(name, value)
+    said = _run(['run', '--simulated', '--directory', str(tmp_path)], tmp_path, 'never', machine)
+    assert value in said
+    assert 'Traceback' not in said
+
+
+@pytest.mark.slow
+def test_a_run_without_a_stream_of_its_own_records(tmp_path, machine, domain) -> None:
+    words = ['run', '--simulated', '--directory', str(tmp_path), '--duration', '6']
+    shell = f'{shlex.join([*HUNT, *words])} <&- >&- 2>&-'
+    assert machine.wait_for(subprocess.Popen(shell, shell=True), 120.0) == 0
+    assert list(tmp_path.glob('hunt_*/*.mcap'))
 
 
 @pytest.mark.slow

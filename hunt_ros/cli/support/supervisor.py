@@ -62,8 +62,9 @@ _RECORDS = {_RECORDER, SUITE}
 _SILENT, _NEVER_HEARD = 10, 60
 #: What ends again and again is started again after this, after twice as long, and so on, s.
 _AGAIN_S, _AGAIN_MOST_S = 0.5, 30.0
-#: Exit code of a node that refuses its settings, or cannot have what it needs.
-_REFUSED = 2
+#: Exit codes of a node that refuses its settings, or cannot have what it needs; of ROS where the
+#: middleware of RMW_IMPLEMENTATION is not there.
+_REFUSED = (2, 102)
 #: Ctrl-C that comes sooner after the end was asked for is the same one, s.
 _SAME_S = 0.5
 #: A guard that is killed on the way to the safe speed is started again so often.
@@ -285,7 +286,7 @@ class Supervisor:
             if code is not None:
                 child.process = None
                 line = f'{name} ended with exit code {code}: {self._last_line(name)}'
-                refused = code == _REFUSED and not child.failures and not lasted
+                refused = code in _REFUSED and not child.failures and not lasted
                 if (refused or not self._keep) and name in OPTIONAL:
                     del self._children[name]
                     lines.append(f'{line}; {OPTIONAL[name]}')

@@ -71,7 +71,11 @@ def run(
     if 'HOME' not in os.environ:  # ROS would find no place for its log, and not start
         os.environ.setdefault('ROS_LOG_DIR', tempfile.gettempdir())
     words = None if arguments is None else list(arguments)
-    rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # a folder of its logs that is none, options that are none
+        ending.say(f'ROS does not start: {" ".join(str(error).split())}')
+        return 2
     nodes: list[SuiteNode] = []
     executor = cheapest_executor()
     try:
