@@ -2,7 +2,8 @@
 The services by which an operator acts on a running rig: those of `hunt call` and docs/topics.md.
 
 All are `std_srvs/Trigger`, but for a switch, which is a `std_srvs/SetBool`; named below the
-namespace of the rig.
+namespace of the rig. Such a request carries nothing: who calls, and the words that go with it, are
+published before it on `NODE/calls`, std_msgs/String, as JSON with `service`, `who` and `words`.
 """
 
 from __future__ import annotations
@@ -26,11 +27,8 @@ class Service(NamedTuple):
         Which offers it.
     does : str
         What it is for, as a line of the help text.
-    words_topic : str
-        std_msgs/String, below the namespace: where words that go with the call are published
-        before it; '' where it takes none.
     words : str
-        What these are, as a line of the help text.
+        What the words are that go with it, as a line of the help text; '' where it takes none.
     switch : str
         'on' or 'off' where the service is a switch; else ''.
     repeatable : bool
@@ -43,7 +41,6 @@ class Service(NamedTuple):
     name: str
     node: str
     does: str
-    words_topic: str = ''
     words: str = ''
     switch: str = ''
     repeatable: bool = False
@@ -81,7 +78,6 @@ SERVICES: dict[str, Service] = {
         'hunting/acknowledge_alarm',
         'hunting_detector',
         'end an alarm whose cause is over',
-        'hunting/acknowledged_by',
         'who acknowledges',
     ),
     'alarm-history': Service(
@@ -136,7 +132,6 @@ SERVICES: dict[str, Service] = {
         'recording/mark',
         'bag_recorder',
         'mark this moment in the recording',
-        'recording/mark_words',
         'what the mark says',
     ),
     'identify': Service(
@@ -156,7 +151,6 @@ SERVICES: dict[str, Service] = {
         'speed/shelve_alarm',
         'roller_speed',
         'have an alarm of the detector call nobody for a time, with a reason',
-        'speed/shelve_words',
         'code, minutes and reason, as in docs/alarm.md; 0 minutes end it',
     ),
     'test-alarm': Service(

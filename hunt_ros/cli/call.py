@@ -18,8 +18,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     width = max(map(len, SERVICES)) + 2
     lines = (
-        f'  {word:{width}}{service.does}'
-        + (f' (WORDS: {service.words})' if service.words_topic else '')
+        f'  {word:{width}}{service.does}' + (f' (WORDS: {service.words})' if service.words else '')
         for word, service in SERVICES.items()
     )
     listed = '\n'.join(lines)
@@ -38,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Call it: 0 done, 1 refused; a HuntError (2) where nobody offers it."""
     service = SERVICES[arguments.service]
     words = ' '.join(arguments.words.split())
-    if words and not service.words_topic:
+    if words and not service.words:
         raise HuntError(f'{arguments.service}: takes no words, got {arguments.words!r}')
     parameters = {'word': arguments.service, 'wait_s': float(arguments.wait), 'words': words}
     answer = ask(NodeSpec('service_call', parameters), arguments.namespace)

@@ -18,6 +18,7 @@ from dataclasses import dataclass, fields
 from enum import Enum
 from functools import partial
 
+from hunt_ros.drivers.alarms import OUT_OF_SERVICE
 from hunt_ros.drivers.interlock import BLIND
 from hunt_ros.drivers.modbus import ModbusBus, ModbusLink
 from hunt_ros.errors import ConfigError, DriverError
@@ -79,7 +80,9 @@ class Call:
         self._heard_s = self._drive_s = -math.inf
         self._status: Mapping[str, str] = {}
         self._kept = ''  # what the speed node keeps until a person ends it
-        self._shelved: set[str] = set()  # codes of what calls nobody, as the speed node says
+        # Codes of what calls nobody, as the speed node says: shelved, and by the operating state.
+        self._shelved: set[str] = set()
+        self._out: set[str] = set()
         self._judged = False  # the detector has had sound inputs once
         self._ending = False  # the speed node was asked to end: its silence is no doubt
 
@@ -95,6 +98,7 @@ class Call:
         expected = self._ending and said.get('interlock_code') in BLIND and not self._kept
         tripped = said.get('interlock_state') == 'tripped' and not expected
         self._shelved = {each.split()[0] for each in said.get('shelved', '').split('; ') if each}
+        self._out = OUT_OF_SERVICE.get(said.get('operating_state', ''), set())
         self._kept = said.get('alarm_kept') or (said['interlock_cause'] if tripped else '')
 
     def hear_event(self, event: str) -> None:
@@ -122,7 +126,7 @@ class Call:
         causes = {*status.get('causes', '').split()}
         # Of a speed node that is gone nobody knows what is shelved.
         known = now_s - self._drive_s < self._silence_s
-        shelved = known and bool(causes) and causes <= self._shelved
+        shelved = known and bool(causes) and causes <= self._shelved | self._out
         if self._kept:
             return Condition.ALARM, self._kept
         alarm = bool(status) and (status['level'] == 'ERROR' or status.get('alarm') == 'True')
@@ -137,7 +141,8 @@ class Call:
         if not self.heard(now_s):
             return Condition.DOUBT, f'no status for {self._silence_s:g} s'
         if shelved:  # a detector that is silent calls all the same
-            return Condition.WELL, f'shelved: {words}'
+            by_hand = causes <= self._shelved
+            return Condition.WELL, f'{"shelved" if by_hand else "out of service"}: {words}'
         return Condition.DOUBT if status['level'] == 'STALE' else Condition.WELL, words
 
 

@@ -27,6 +27,13 @@ DETECTED = (
     *('CHANNEL_stuck', 'CHANNEL_saturated', 'CHANNEL_contradicted', 'CHANNEL_lost'),
 )
 
+#: Operating state -> codes of what calls nobody in it, by design (ISA-18.2): where the roller
+#: stands nothing hunts, and sensors are moved by hand; in `measure` hunting is looked for.
+OUT_OF_SERVICE = {
+    'parked': {key.replace('CHANNEL', channel) for key in DETECTED for channel in CHANNELS},
+    'measure': {'escaping', 'limit_cycle'},
+}
+
 #: Event -> code of the alarm that begins with it, or ends with it; that of a limit is its test.
 _BEGINS = {
     'escaping': 'hunting',
@@ -110,8 +117,7 @@ class Shelved(Settings):
             Saying what was expected.
         """
         code, minutes, reason = (*words.split(None, 2), '', '', '')[:3]
-        known = {key.replace('CHANNEL', channel) for key in DETECTED for channel in CHANNELS}
-        if code not in known:
+        if code not in OUT_OF_SERVICE['parked']:
             raise ConfigError(f'{code!r}: no alarm that can be shelved, docs/alarm.md has them')
         try:
             asked = cls(code, now_s, float(minutes), reason.replace(';', ','))

@@ -38,8 +38,9 @@ class DriveLimits(Settings):
         high=1e4,
     )
     speed_ceiling_mps: float = of_rig('speed_ceiling_mps')
+    #: At 0.1 m/s2 from 12 m/s a stop takes as long as the end of a run waits for it.
     safe_deceleration_mps2: float = _limit(
-        1.0, 'The interlock slows the roller down at this rate.'
+        1.0, 'The interlock slows the roller down at this rate.', low=0.1
     )
 
 

@@ -49,6 +49,8 @@ _LEAD_MPS = 0.5
 #: meanwhile may be waiting, or the machine stood still. For no longer than a silence may last.
 _LOOKS_S = 0.1
 
+#: Who calls a service need not say who that is.
+_SOMEBODY = 'a person'
 #: Codes (see `alarms`) of what makes it blind, and of what shows that the wheelset moves.
 BLIND, _SEEN = ('detector', 'inputs', 'drive'), ('displacement', 'amplitude', 'hunting')
 
@@ -77,6 +79,13 @@ class InterlockSettings(Settings):
         'A larger amplitude, estimated or of the lateral sensor itself, trips the interlock in'
         ' protect and measure (.inf: flange_clearance_m).',
         unit='m',
+        low=1e-6,
+    )
+    rate_limit_mps: float = setting(
+        math.inf,
+        'The lateral sensor moves faster: trips the interlock in protect and measure, as the'
+        ' amplitude limit does (.inf: none).',
+        unit='m/s',
         low=1e-6,
     )
     flange_clearance_m: float = of_rig('flange_clearance_m')
@@ -194,8 +203,12 @@ class Interlock:
         What the detector said last.
     goal_mps : float
         While tripped: no faster than this; inf otherwise.
-    displacement_m : float
-        Of the lateral sensor itself; NaN: not known. Set it as it comes.
+    displacement_m, rate_mps : float
+        Of the lateral sensor itself, and how fast it changes; NaN: not known. Set them as they
+        come.
+    parked : bool
+        The roller stands, and is to: nothing hunts, nothing can be slowed down, and nothing trips
+        it but the roller itself. Set it as it comes.
     moving : bool
         Hunting was seen, or what is as large, and its end was not.
     """
@@ -209,7 +222,8 @@ class Interlock:
         self._late_s = 0.0
         self._drive = 'the drive has not sent anything yet'
         self._roller = ''
-        self.displacement_m = math.nan
+        self.displacement_m = self.rate_mps = math.nan
+        self.parked = False
         self._watching = False
         self._unwell_ns = 0  # when all was not well last, before it watched
         self._ill_ns = -1  # for how long it was not, since all was well first; -1: it never was
@@ -279,6 +293,9 @@ class Interlock:
         if self.displacement_m > limit_m:
             words = f'displacement {1e3 * self.displacement_m:.3f} mm {above}'
             yield Trouble('displacement', words, now_ns)
+        if self.rate_mps > self.settings.rate_limit_mps:
+            words = f'the displacement changes by {1e3 * self.rate_mps:.0f} mm/s, above the limit'
+            yield Trouble('displacement', words, now_ns)
         if silence := self._silence(now_ns):
             yield Trouble('detector', silence, self._heard_ns or now_ns)
         if heard.level == 'STALE':
@@ -338,7 +355,8 @@ class Interlock:
             return self._slow_down(now_ns, speed_mps, trouble.code, seen, lasts)
         if self.state != 'armed':
             return None
-        if trouble.words and (self._watching or trouble.code not in BLIND):
+        trips = self._watching or trouble.code not in BLIND
+        if trouble.words and trips and (trouble.code == 'speed' or not self.parked):
             self.goal_mps = self.safe_speed_mps()
             change = self._to('tripped', trouble.words, trouble.since_ns)
             self.code = trouble.code
@@ -401,7 +419,7 @@ class Interlock:
         used = f'v_n, {v_n:.3f} m/s: {self.safe_speed_mps():.2f} m/s is used'
         return f'safe_speed_mps, {given:g} m/s, is not below {used}'
 
-    def rearm(self, now_ns: int) -> tuple[Change | None, str]:
+    def rearm(self, now_ns: int, who: str = '') -> tuple[Change | None, str]:
         """Arm a tripped interlock again; return the transition, and '' or why not."""
         if self.state != 'tripped':
             return None, ''
@@ -412,9 +430,9 @@ class Interlock:
                 ' to go on without it, disarm it (speed/arm_interlock false)'
             )
         state = 'disarmed' if self.settings.interlock == 'off' else 'armed'
-        return self._to(state, f'{state} again by a person', now_ns), ''
+        return self._to(state, f'{state} again by {who or _SOMEBODY}', now_ns), ''
 
-    def arm(self, now_ns: int, armed: bool) -> tuple[Change | None, str]:
+    def arm(self, now_ns: int, armed: bool, who: str = '') -> tuple[Change | None, str]:
         """Arm or disarm; return the transition, and '' or why not."""
         if armed and self.settings.interlock == 'off':
             return None, 'the parameter interlock is off: set it to protect or measure first'
@@ -423,8 +441,9 @@ class Interlock:
         if armed == (self.state != 'disarmed'):
             return None, ''
         if armed:
-            return self._to('armed', 'armed by a person', now_ns), ''
-        return self._to('disarmed', 'disarmed by a person: nothing slows the roller', now_ns), ''
+            return self._to('armed', f'armed by {who or _SOMEBODY}', now_ns), ''
+        words = f'disarmed by {who or _SOMEBODY}: nothing slows the roller'
+        return self._to('disarmed', words, now_ns), ''
 
     def reconfigure(self, now_ns: int, settings: InterlockSettings) -> Change | None:
         """Use other settings; the mode `off` disarms, and leaving it arms."""

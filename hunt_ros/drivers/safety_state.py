@@ -38,7 +38,7 @@ class SafetyState:
     shelved : tuple of Shelved
         Alarms that call nobody.
     history : tuple of dict
-        What happened: `at` (UTC), `what`, `why`; the oldest first, the last 200.
+        What happened: `at` (UTC), `what`, `why`, `who`; the oldest first, the last 200.
     """
 
     emergency_stop: str = ''
@@ -51,9 +51,9 @@ class SafetyState:
     shelved: tuple[Shelved, ...] = ()
     history: tuple[dict[str, str], ...] = ()
 
-    def noted(self, at: str, what: str, why: str) -> tuple[dict[str, str], ...]:
+    def noted(self, **line: str) -> tuple[dict[str, str], ...]:
         """Return the history with one line more."""
-        return (*self.history[1 - _MOST_LINES :], {'at': at, 'what': what, 'why': why})
+        return (*self.history[1 - _MOST_LINES :], line)
 
     def to_json(self) -> str:
         """Return it as the text of the file."""

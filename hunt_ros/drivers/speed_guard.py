@@ -173,8 +173,12 @@ class SpeedGuard:
                 self._compared_s = now_s
                 ceiling = self.command.limits.speed_ceiling_mps
                 self._fault = self.readings.fault(now_s, self.target_mps, ceiling)
-                self.interlock.displacement_m = self.displacement.largest_m(now_s)
-            self.interlock.drive(self.trouble()[1], self._fault)
+                largest = self.displacement.largest(now_s)
+                self.interlock.displacement_m, self.interlock.rate_mps = largest
+            lost = self.trouble()[1]
+            self.interlock.drive(lost, self._fault)
+            told_to_turn = self.target_mps > 0.0
+            self.interlock.parked = not (lost or told_to_turn) and self.readings.at_rest()
             change = self.interlock.judge(steady_ns, measured_mps)
             goal, before = self.interlock.goal_mps, self.command.forced_mps
             if self.interlock.state == 'tripped' and goal < before:
@@ -249,23 +253,28 @@ class SpeedGuard:
         self.autostart, self.waits = False, ''
         return self.command
 
-    def start(self, now_ns: int) -> str:
+    def start(self, now_ns: int, who: str = '') -> str:
         """Start the profile; return '' or why not."""
         with self.deciding:
             self._by_a_person()
-            return self._begin(now_ns)
+            refusal = self._begin(now_ns)
+            self.remember('start_profile', refusal, who)
+            return refusal
 
-    def resume(self, now_ns: int) -> str:
+    def resume(self, now_ns: int, who: str = '') -> str:
         """Go on with the profile; return '' or why not."""
         with self.deciding:
-            return self.command.resume(self.interlock.refusal(now_ns))
+            refusal = self.command.resume(self.interlock.refusal(now_ns))
+            self.remember('resume_profile', refusal, who)
+            return refusal
 
-    def stop(self) -> str:
+    def stop(self, who: str = '') -> str:
         """Hold the speed of this moment; only a person starts anything after it."""
         with self.deciding:
+            self.remember('stop_profile', '', who)
             return self._by_a_person().stop()
 
-    def emergency_stop(self, speed_mps: float, now_ns: int) -> tuple[int, float]:
+    def emergency_stop(self, speed_mps: float, now_ns: int, who: str = '') -> tuple[int, float]:
         """
         Stop until `rearm`; return the number of its set point, and what shows that it slows, m/s.
 
@@ -275,12 +284,14 @@ class SpeedGuard:
             Set point.
         now_ns : int
             Clock of the profile.
+        who : str, optional
+            Of whoever asks.
         """
         with self.deciding:
             before = self.readings.lowest_mps()
             speed_mps = min(speed_mps, self.interlock.safe_speed_mps())
             set_point = self._by_a_person().emergency_stop(speed_mps, self.measured_mps)
-            self.remember('emergency_stop', 'asked for')
+            self.remember('emergency_stop', 'asked for', who)
             slowed_mps = max(set_point + _SLOWED_MPS, before - _SLOWED_MPS)
             return self.post(set_point, now_ns), slowed_mps
 
@@ -296,38 +307,39 @@ class SpeedGuard:
             safe_mps = 0.0 if stops else self.interlock.safe_speed_mps()
             return self._by_a_person().trip(safe_mps, self.measured_mps)
 
-    def rearm(self, now_ns: int) -> tuple[Change | None, str]:
+    def rearm(self, now_ns: int, who: str = '') -> tuple[Change | None, str]:
         """End stop and trip where the cause is over; return the transition, and '' or why not."""
         with self.deciding:
-            change, refusal = self.interlock.rearm(now_ns)
+            change, refusal = self.interlock.rearm(now_ns, who)
             if not refusal:
                 self.command.rearm()
-                self.remember('rearmed', '', alarm='')
+                self.remember('rearmed', '', who, alarm='')
             return change, refusal
 
-    def arm(self, now_ns: int, armed: bool) -> tuple[Change | None, str]:
+    def arm(self, now_ns: int, armed: bool, who: str = '') -> tuple[Change | None, str]:
         """Arm or disarm; return the transition, and '' or why not."""
         with self.deciding:
-            change, refusal = self.interlock.arm(now_ns, armed)
-            return self._noted(change), refusal
+            change, refusal = self.interlock.arm(now_ns, armed, who)
+            return self._noted(change, who), refusal
 
     def reconfigure(self, now_ns: int, settings: InterlockSettings) -> Change | None:
         """Use other settings of the interlock."""
         with self.deciding:
             return self._noted(self.interlock.reconfigure(now_ns, settings))
 
-    def _noted(self, change: Change | None) -> Change | None:
+    def _noted(self, change: Change | None, who: str = '') -> Change | None:
         if change is not None:
-            self.remember(change.event, change.cause)
+            self.remember(change.event, change.cause, who)
         return change
 
-    def shelve(self, words: str) -> str:
+    def shelve(self, words: str, who: str = '') -> str:
         """Have an alarm call nobody for a time (`Shelved.asked`); return what is done."""
         with self.deciding:
             asked = Shelved.asked(words, time.time())
             others = tuple(each for each in self._kept.shelved if each.code != asked.code)
             why = f'{asked.code} for {asked.minutes:g} min: {asked.reason or "no longer"}'
-            self.remember('shelved', why, shelved=(*others, asked) if asked.minutes else others)
+            shelved = (*others, asked) if asked.minutes else others
+            self.remember('shelved', why, who, shelved=shelved)
             return f'shelved {why}; levels, latched alarm and interlock stay as they are'
 
     def shelved(self) -> str:
@@ -338,10 +350,11 @@ class SpeedGuard:
                 self.remember('unshelved', each.code, shelved=lasting)
         return '; '.join(f'{each.code} until {each.until} ({each.reason})' for each in lasting)
 
-    def remember(self, what: str, why: str, **kept: Any) -> None:
+    def remember(self, what: str, why: str, who: str = '', **kept: Any) -> None:
         """Note what happened; `kept` are fields of the state that change with it."""
         at = datetime.now(timezone.utc).isoformat(timespec='milliseconds')
-        self._kept = replace(self._kept, history=self._kept.noted(at, what, why), **kept)
+        history = self._kept.noted(at=at, what=what, why=why, who=who)
+        self._kept = replace(self._kept, history=history, **kept)
 
     def unsaved(self, running: bool) -> str:
         """Return '' or what the file has to hold now."""
@@ -404,6 +417,7 @@ class SpeedGuard:
                 'profile_elapsed_s': float(command.elapsed_s),
                 'profile_remaining_s': float(command.remaining_s),
                 'interlock': interlock.settings.interlock,
+                'operating_state': 'parked' if interlock.parked else interlock.settings.interlock,
                 'interlock_state': interlock.state,
                 'interlock_cause': interlock.cause,
                 'interlock_code': interlock.code,
@@ -413,4 +427,5 @@ class SpeedGuard:
                 'safe_speed_mps': float(min(interlock.safe_speed_mps(), command.forced_mps)),
                 'speed_ceiling_mps': command.limits.speed_ceiling_mps,
                 'displacement_m': interlock.displacement_m,
+                'displacement_rate_mps': interlock.rate_mps,
             }

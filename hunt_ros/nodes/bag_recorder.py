@@ -39,7 +39,7 @@ from hunt_ros.nodes.support.clipper import Clipper
 from hunt_ros.nodes.support.conversions import message_class
 from hunt_ros.nodes.support.diagnostics import Health, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import ESTIMATES
-from hunt_ros.nodes.support.hearing import CallWords, Missed, waiting
+from hunt_ros.nodes.support.hearing import Calls, Missed, waiting
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameter_collector import ParameterCollector
 from hunt_ros.nodes.support.parameters import declare
@@ -60,7 +60,6 @@ DESIGN_TOPICS: dict[str, str] = {
     'hunting/events': DIAGNOSTIC_ARRAY,
     'hunting/status': DIAGNOSTIC_ARRAY,
     _MARK_TOPIC: STRING,
-    'hunting/acknowledged_by': STRING,
     '/diagnostics': DIAGNOSTIC_ARRAY,
 }
 #: What they offer that are latched.
@@ -73,8 +72,9 @@ LATCHED_TOPICS: dict[str, str] = {
 #: Of the whole graph, recorded beside the namespace of the rig.
 GLOBAL_TOPICS = ('/diagnostics', '/parameter_events', '/rosout')
 OWN_TOPIC = 'recording/closed'
-#: Not recorded: it would name the recording in itself; and words, which the mark says.
-_LEFT_OUT = (OWN_TOPIC, SERVICES['mark'].words_topic)
+#: Not recorded: it would name the recording in itself; and what is said with calls, for what
+#: comes of it is, and who calls waits until the node that is meant hears it, not a recorder.
+_LEFT_OUT = (OWN_TOPIC, *{f'{service.node}/calls' for service in SERVICES.values()})
 #: How many messages of a latched topic its publisher keeps for who comes late; of the log the
 #: last lines. The graph does not tell it of a topic that is not of the design.
 _LATCHED_KEPT = {
@@ -178,7 +178,7 @@ class BagRecorderNode(SuiteNode):
         self._last = 'no recording'
         self._closed = self.create_publisher(String, OWN_TOPIC, latched())
         self._mark = self.create_publisher(String, _MARK_TOPIC, stream(10))
-        self._words = CallWords(self, SERVICES['mark'].words_topic)
+        self._calls = Calls(self)
         failed = self._diagnostics.failed
         self._collector = ParameterCollector(self, failed, self._note_parameters)
         #: A recording is wanted, and tried again at this time where it cannot be, steady clock.
@@ -436,7 +436,7 @@ class BagRecorderNode(SuiteNode):
     def _on_mark(self) -> str:
         """Mark this moment, with the words that came just before the call."""
         self._running()
-        words = self._words.take()
+        words = self._calls.take('mark').words
         self._mark.publish(String(data=words or 'mark'))
         return f'marked{", with words" if words else ""}'
 

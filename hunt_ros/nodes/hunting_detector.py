@@ -30,7 +30,7 @@ from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.support.conversions import diagnostic
 from hunt_ros.nodes.support.diagnostics import Health, NewSince, log, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import EstimatePublishers
-from hunt_ros.nodes.support.hearing import CallWords, Channels
+from hunt_ros.nodes.support.hearing import Calls, Channels
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import (
     declare,
@@ -90,7 +90,7 @@ class HuntingDetectorNode(SuiteNode):
         self.work(_TASK, self._accompany)
         self.create_subscription(String, 'hunting/normal_form', self._on_form, latched())
         self._alarms = self.create_publisher(String, 'hunting/alarms', latched())
-        self._name = CallWords(self, 'hunting/acknowledged_by')
+        self._calls = Calls(self)
         offer(self, 'hunting/acknowledge_alarm', self._acknowledge)
         offer(self, 'hunting/alarm_history', lambda: self._detector.history.to_text())
         offer(self, 'hunting/accept_normal_form', self._accept)
@@ -234,7 +234,8 @@ class HuntingDetectorNode(SuiteNode):
         return ''
 
     def _acknowledge(self) -> str:
-        by = self._name.take()
+        said = self._calls.take('acknowledge')
+        by = said.words or said.who
         self._drain()
         self._publish(self._detector.acknowledge(self.get_clock().now().nanoseconds, by))
         return ''

@@ -11,8 +11,9 @@ import math
 import os
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -36,7 +37,7 @@ from hunt_ros.nodes.support.conversions import diagnostic, heard_of, joint_write
 from hunt_ros.nodes.support.diagnostics import Health, NewSince, log, steady_clock
 from hunt_ros.nodes.support.driver_node import DriverNode
 from hunt_ros.nodes.support.ending import abandoned
-from hunt_ros.nodes.support.hearing import CallWords, Channels
+from hunt_ros.nodes.support.hearing import Calls, Channels, Said
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import EVENTS, MEASUREMENTS, STATUS, latched, stream
 from hunt_ros.nodes.support.worker import Worker, answer_aside, offer
@@ -154,15 +155,17 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         self._events = self.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
         self.create_subscription(DiagnosticArray, 'hunting/status', self._on_detector, STATUS)
         self._lateral = Channels(self, ['lateral'])
-        shelve_words = CallWords(self, SERVICES['shelve-alarm'].words_topic)
-        for name, action in (
-            ('rearm', self._rearm),
-            ('stop_profile', self._guard.stop),
-            ('start_profile', lambda: _done(self._guard.start(self._steady_ns()))),
-            ('resume_profile', lambda: _done(self._guard.resume(self._steady_ns()))),
-            ('shelve_alarm', lambda: self._guard.shelve(shelve_words.take())),
-        ):
-            offer(self, f'speed/{name}', action)
+        self._calls = Calls(self)
+        guard, now = self._guard, self._steady_ns
+        asked: dict[str, Callable[[Said], str]] = {
+            'rearm': self._rearm,
+            'stop-profile': lambda said: guard.stop(said.who),
+            'start-profile': lambda said: _done(guard.start(now(), said.who)),
+            'resume-profile': lambda said: _done(guard.resume(now(), said.who)),
+            'shelve-alarm': lambda said: guard.shelve(said.words, said.who),
+        }
+        for word, act in asked.items():
+            offer(self, SERVICES[word].name, partial(self._asked, word, act))
         self.create_service(SetBool, 'speed/arm_interlock', self._arm)
         self.create_timer(SET_POINT_S, self._send_next, clock=self._steady)
         self.create_timer(_WATCH_S, self._watch, clock=self._steady)
@@ -329,14 +332,19 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         self._events.publish(diagnostic(now_ns, change.event, level, cause, values, rig))
         log(self, level, f'{change.event}: {cause}')
 
-    def _rearm(self) -> str:
-        change, refusal = self._guard.rearm(self._steady_ns())
+    def _asked(self, word: str, act: Callable[[Said], str]) -> str:
+        return act(self._calls.take(word))
+
+    def _rearm(self, said: Said) -> str:
+        change, refusal = self._guard.rearm(self._steady_ns(), said.who)
         self._tell(change)
         return _done(refusal)
 
     def _arm(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         """Arm or disarm the interlock; what it holds is held until speed/rearm."""
-        change, refusal = self._guard.arm(self._steady_ns(), request.data)
+        word = 'arm-interlock' if request.data else 'disarm-interlock'
+        who = self._calls.take(word).who
+        change, refusal = self._guard.arm(self._steady_ns(), request.data, who)
         self._tell(change)
         response.success = not refusal
         response.message = refusal or self._guard.interlock.state
@@ -359,7 +367,8 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         drive that took it may not obey. The stop is sent again until `speed/rearm`.
         """
         guard, emergency_mps = self._guard, self._config.emergency_speed_mps
-        number, slowed_mps = guard.emergency_stop(emergency_mps, self._profile_ns())
+        who = self._calls.take('emergency-stop').who
+        number, slowed_mps = guard.emergency_stop(emergency_mps, self._profile_ns(), who)
         began_s = time.monotonic()
         while not (problem := self._absence()):
             if guard.answered >= number and guard.refusal:

@@ -21,12 +21,14 @@ RULES = {
     'a': 'hunting for more than 3 s above the true v_n, or left there, guarded in `protect`',
     'b': 'a set point rises without a command of a person',
     'c': 'the set point changes faster than its limit',
-    'd': 'blind or hunting for more than 2 s, and nobody is called',
+    'd': 'blind while the roller turns, or hunting, for more than 2 s, and nobody is called',
     'e': 'a trip or a call without a fault',
     'f': 'a recording that cannot be read, or more than 1 s lost to a kill',
     'g': '`hunt run` does not end',
 }
 _HUNTING_S, _UNCALLED_S, _LOST_S = 3.0, 2.0, 1.0
+#: A roller that is slower stands: nothing hunts, and who is blind calls nobody.
+_TURNS_MPS = 0.05
 #: A share of the limit cycle that no quiet state reaches.
 _HUNTS = 0.65
 _PEAKS_S = 0.12
@@ -105,7 +107,7 @@ def judge(seen: Witness, v_n_mps: float, cycle_m: float) -> tuple[dict[str, str]
         'a': _guarded(seen, times, hunts & (speeds > v_n_mps + 0.05), float(speeds[-1]) > v_n_mps),
         'b': _commanded(seen),
         'c': _rates(seen),
-        'd': _called(seen, times, hunts),
+        'd': _called(seen, times, hunts, np.abs(speeds) > _TURNS_MPS),
         'e': _quiet(seen),
         'f': _recorded(seen),
         'g': '' if seen.ended else 'it had to be killed',
@@ -191,9 +193,11 @@ def _rates(seen: Witness) -> str:
     return ''
 
 
-def _called(seen: Witness, times: NDArray[np.float64], hunts: NDArray[np.bool_]) -> str:
+def _called(
+    seen: Witness, times: NDArray[np.float64], hunts: NDArray[np.bool_], turns: NDArray[np.bool_]
+) -> str:
     first = next((at_s for at_s, condition in seen.calls if condition == 'well'), math.inf)
-    bad = hunts | _in_force(seen, times, lambda deed: deed.blind)
+    bad = hunts | (turns & _in_force(seen, times, lambda deed: deed.blind))
     uncalled = bad & ~_calling(seen, times) & (times > first) & (times < seen.run_s[1])
     for begin_s, end_s in stretches(times, uncalled):
         lasted_s = end_s - begin_s - seen.late_s(begin_s, end_s)

@@ -102,6 +102,11 @@ def _call(level: str, causes: str = '', **drive: str) -> Call:
         ('ERROR', 'limit_cycle yaw_stuck', SHELVED, WELL, 'shelved: ERROR: why'),
         ('STALE', 'yaw_stuck', SHELVED, WELL, 'shelved: STALE: why'),
         ('ERROR', 'limit_cycle escaping', SHELVED, ALARM, 'ERROR: why'),
+        ('STALE', 'yaw_silent', {'operating_state': 'parked'}, WELL, 'out of service: STALE: why'),
+        ('STALE', 'inputs', {'operating_state': 'parked'}, DOUBT, 'STALE: why'),
+        ('ERROR', 'escaping', {'operating_state': 'measure'}, WELL, 'out of service: ERROR: why'),
+        ('ERROR', 'escaping', {'operating_state': 'protect'}, ALARM, 'ERROR: why'),
+        ('STALE', 'yaw_silent', {'operating_state': 'measure'}, DOUBT, 'STALE: why'),
         (
             'ERROR',
             'limit_cycle',

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
 
 import numpy as np
@@ -142,3 +143,32 @@ def test_no_set_point_of_a_trip_rises_however_late_the_drive_takes_it(seed) -> N
         guard.decide(now_ns, now_ns, True)
     assert all(b <= a for a, b in itertools.pairwise(drive.taken))
     assert drive.taken[-1] < 6.0
+
+
+def test_who_asked_is_in_the_history_and_in_the_event() -> None:
+    guard = _guard()
+    change, _ = guard.arm(0, False, 'mia@pc (console)')
+    assert change.cause == 'disarmed by mia@pc (console): nothing slows the roller'
+    guard.emergency_stop(0.0, 0, 'leo@pc (dashboard)')
+    guard.rearm(0)
+    history = json.loads(guard.unsaved(running=True))['history']
+    assert [(line['what'], line['who']) for line in history[1:]] == [
+        ('interlock_disarmed', 'mia@pc (console)'),
+        ('emergency_stop', 'leo@pc (dashboard)'),
+        ('rearmed', ''),
+    ]
+
+
+@pytest.mark.parametrize(
+    ('speed', 'target', 'state'),
+    [(0.0, 0.0, 'parked'), (0.0, 2.0, 'protect'), (2.0, 0.0, 'protect')],
+)
+def test_a_roller_that_stands_and_is_to_is_parked(speed, target, state) -> None:
+    guard = _guard()
+    guard.post(target, 1)
+    guard.hand_over(_Slow())
+    for k in range(3):
+        block = DriveBlock(np.array([k]), np.array([math.nan]), np.array([speed]))
+        guard.readings.take(10.0 + k, block)
+    guard.watch(round(12.1e9), round(12.1e9))
+    assert guard.values()['operating_state'] == state

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -108,7 +109,7 @@ def test_everything_published_is_in_the_closed_bag_bit_for_bit(graph) -> None:
 
 
 def test_services_start_split_stop_and_mark_with_words_or_without(graph) -> None:
-    words = graph.node.create_publisher(String, 'recording/mark_words', 10)
+    words = graph.node.create_publisher(String, 'bag_recorder/calls', 10)
     graph.start('bag_recorder', directory=str(graph.folder), autostart=False, prefix='run')
     graph.spin_until(words.get_subscription_count)
     for service in ('mark', 'stop', 'split'):
@@ -117,7 +118,9 @@ def test_services_start_split_stop_and_mark_with_words_or_without(graph) -> None
     assert not graph.call('recording/start').success
     assert graph.call('recording/mark').success
     for text in ('bump at joint 3', 'crane overhead'):
-        words.publish(String(data=text))  # as who calls with words does: the recorder has them
+        said = {'service': 'mark', 'who': 'Mia', 'words': text}
+        # As who calls with words does: the recorder has them.
+        words.publish(String(data=json.dumps(said)))
         assert words.wait_for_all_acked(Duration(seconds=30.0))
         assert graph.call('recording/mark').success
     assert graph.call('recording/split').success

@@ -58,7 +58,7 @@ def test_the_page_shows_what_the_topics_say_and_calls_what_is_asked_for(
     resident(DashboardNode, port=port)
     viewer = Viewer(port)
     heard: list[str] = []
-    names = graph.collect(String, 'hunting/acknowledged_by', stream(10))
+    names = graph.collect(String, 'hunting_detector/calls', stream(10))
 
     def acknowledge(request, response):
         heard.append('acknowledged')
@@ -93,7 +93,9 @@ def test_the_page_shows_what_the_topics_say_and_calls_what_is_asked_for(
     assert answers == [{'done': True, 'message': ''}]
     assert heard == ['acknowledged']
     graph.spin_until(lambda: names)
-    assert names[0].data == 'Mia'
+    said = json.loads(names[0].data)
+    assert (said['service'], said['words']) == ('acknowledge', 'Mia')
+    assert said['who'].endswith(' (dashboard)')
     absent = command(port, 'emergency-stop')
     assert not absent['done']
     # One that a test before this has killed is still announced for some seconds.

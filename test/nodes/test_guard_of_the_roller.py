@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import TwistStamped
 from processes import joint
+from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 from speed_rig import UNGUARDED, Drive, Rig
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from hunt_ros.nodes.support.qos import latched, stream
-from hunt_ros.services import SERVICES
 
 HOLD = 'hold: {speed_mps: 6, duration_s: 1000, rate_mps2: 20}'
 
@@ -268,10 +268,14 @@ def test_an_alarm_that_nobody_acknowledged_outlives_its_detector(
 def test_a_call_with_words_shelves_an_alarm_and_no_trip(graph, resident, detector) -> None:
     drive = Drive(6.0)
     rig = _held_at(graph, resident, detector, drive)
-    words = graph.node.create_publisher(String, SERVICES['shelve-alarm'].words_topic, stream(10))
+    words = graph.node.create_publisher(String, 'roller_speed/calls', stream(10))
+
+    def say(service: str, text: str = '') -> None:
+        said = {'service': service, 'who': 'mia@pc', 'words': text}
+        words.publish(String(data=json.dumps(said)))
 
     def shelve(text: str) -> Trigger.Response:
-        words.publish(String(data=text))
+        say('shelve-alarm', text)
         return graph.call('speed/shelve_alarm')
 
     graph.spin_until(lambda: shelve('limit_cycle 30 the grease, Mia').success)
@@ -282,6 +286,12 @@ def test_a_call_with_words_shelves_an_alarm_and_no_trip(graph, resident, detecto
     rig.until(interlock_state='tripped', interlock_code='hunting')
     graph.spin_until(lambda: shelve('limit_cycle 0').success)
     rig.until(shelved='')
+    for text in ('no JSON', '[]', '{"service": "disarm-interlock"}'):
+        words.publish(String(data=text))
+    say('disarm-interlock')
+    assert words.wait_for_all_acked(Duration(seconds=30.0))
+    assert rig.arm(False).success
+    rig.until(interlock_cause='disarmed by mia@pc: nothing slows the roller')
 
 
 def test_nobody_can_make_a_speed_node_inactive(graph, resident, detector) -> None:

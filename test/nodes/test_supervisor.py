@@ -450,7 +450,7 @@ def test_a_folder_that_is_deleted_takes_the_state_of_no_guard_with_it(run, graph
 
 
 def test_who_presses_twice_is_told_that_the_roller_still_turns(run, graph) -> None:
-    rig = run(rate=0.05)
+    rig = run(rate=0.1)
     rig.start()
     rig.hunt.send_signal(signal.SIGINT)
     graph.spin_until(lambda: 'on its way to 5.9' in rig.screen)

@@ -9,6 +9,10 @@ waits a moment.
 
 from __future__ import annotations
 
+import getpass
+import json
+import os
+import socket
 import threading
 import time
 from collections.abc import Iterable
@@ -34,6 +38,15 @@ INTRODUCED_S = 0.3
 #: more often: a node that stands still will answer them all when it goes on. And so many calls of
 #: one service are under way at once.
 _AGAIN_S, _MOST = 1.0, 5
+
+
+def _user() -> str:
+    """Return who runs this process, user@machine."""
+    try:
+        name = getpass.getuser()
+    except (KeyError, OSError):  # a user without a name
+        name = str(os.getuid())
+    return f'{name}@{socket.gethostname()}'
 
 
 class Answer(NamedTuple):
@@ -77,8 +90,10 @@ class Caller:
         self._clients: dict[str, Client] = {}
         self._topics: dict[str, Publisher] = {}
         self._ready_s: dict[str, float] = {}  # since when each service is known to be there
+        self._who = f'{_user()} ({node.get_name()})'
         for word in words:
             self._client(word)
+            self._topic(SERVICES[word])
         self._aside.start()
 
     def call(self, word: str, words: str = '') -> Future[Answer]:
@@ -116,20 +131,20 @@ class Caller:
                 self._clients[word] = self._node.create_client(kind, service.name)
             return self._clients[word]
 
-    def _topic(self, service: Service) -> Publisher | None:
-        """Return the publisher of the words that go with a service; None where it takes none."""
-        name = service.words_topic
+    def _topic(self, service: Service) -> Publisher:
+        """Return the publisher of what is said with a service."""
+        name = f'{service.node}/calls'
         with self._lock:
-            if name and name not in self._topics:
+            if name not in self._topics:
                 self._topics[name] = self._node.create_publisher(String, name, stream(10))
-            return self._topics.get(name)
+            return self._topics[name]
 
     def _call(self, word: str, words: str, asked_s: float) -> Answer:
         service = SERVICES[word]
-        client, topic = self._client(word), self._topic(service) if words else None
+        client, topic = self._client(word), self._topic(service)
         if time.monotonic() - asked_s > self._found_s:  # nothing is done long after it was meant
             return Answer(False, f'{service.node} has not answered to calls before', False)
-        while not (client.service_is_ready() and (not topic or topic.get_subscription_count())):
+        while not (client.service_is_ready() and (not words or topic.get_subscription_count())):
             self._ready_s.pop(word, None)
             if time.monotonic() - asked_s > self._found_s:
                 return Answer(False, self._nobody(service), False)
@@ -137,9 +152,11 @@ class Caller:
         since_s = self._ready_s.setdefault(word, time.monotonic())
         if not service.repeatable:
             time.sleep(max(0.0, since_s + INTRODUCED_S - time.monotonic()))
-        if topic:
-            topic.publish(String(data=words))
-            topic.wait_for_all_acked(Duration(seconds=1.0))  # the words come first
+        said = {'service': word, 'who': self._who, 'words': words}
+        topic.publish(String(data=json.dumps(said)))
+        # It comes first; what has to be done at once does not wait for the name of who asks.
+        if words or not service.repeatable:
+            topic.wait_for_all_acked(Duration(seconds=1.0))
         request = SetBool.Request(data=service.switch == 'on') if service.switch else None
         answered: Future[Answer] = Future()
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
+import threading
 import time
 from collections.abc import Iterator, Sequence
-from typing import Any
+from contextlib import suppress
+from typing import Any, NamedTuple
 
 import numpy as np
 from rclpy.node import Node
@@ -193,28 +196,31 @@ class Channels:
         )
 
 
-class CallWords:
-    """
-    Words that go with the call of a service: a name, a remark.
+class Said(NamedTuple):
+    """Who called a service, and the words that went with it; '' where nobody said."""
 
-    A Trigger request carries none. Who calls publishes them on a topic first.
+    who: str = ''
+    words: str = ''
 
-    Parameters
-    ----------
-    node : SuiteNode
-        Which offers the service.
-    topic : str
-        std_msgs/String, below the namespace.
-    """
 
-    def __init__(self, node: SuiteNode, topic: str) -> None:
+class Calls:
+    """What was said with the calls of a node's services, on its topic `NODE/calls`."""
+
+    def __init__(self, node: SuiteNode) -> None:
+        topic = f'{node.get_name()}/calls'
         self._subscription = node.create_polled_subscription(String, topic, stream(10))
+        self._said: dict[str, tuple[int, Said]] = {}
+        self._taking = threading.Lock()
 
-    def take(self) -> str:
-        """Return the last that came since the last call, in one line; '' if that is long ago."""
-        words = ''
-        for message, info in waiting(self._subscription):
-            came_ns = info['received_timestamp'] or time.time_ns()  # not all middleware says when
-            age_s = (time.time_ns() - came_ns) / NANOSECONDS
-            words = spoken(message.data) if age_s < _FRESH_S else ''
-        return words
+    def take(self, service: str) -> Said:
+        """Return what came last for a word of `SERVICES`, once; nothing if that is long ago."""
+        with self._taking:
+            for message, info in waiting(self._subscription):
+                # Not all middleware says when it came; and anybody may publish anything.
+                came_ns = info['received_timestamp'] or time.time_ns()
+                with suppress(ValueError, TypeError, KeyError, RecursionError):
+                    told = json.loads(message.data)
+                    said = Said(*(spoken(str(told[name])) for name in Said._fields))
+                    self._said[str(told['service'])] = came_ns, said
+            came_ns, said = self._said.pop(service, (0, Said()))
+        return said if (time.time_ns() - came_ns) / NANOSECONDS < _FRESH_S else Said()
