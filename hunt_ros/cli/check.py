@@ -22,6 +22,7 @@ from hunt_ros.bursts import evened
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import progress, tell
 from hunt_ros.cli.support.processes import NodeSpec, ask
+from hunt_ros.detection import CompanionConfig, DetectorConfig
 from hunt_ros.errors import ConfigError
 from hunt_ros.estimation.textbook import compared_amplitudes
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
@@ -52,6 +53,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check: 0 where nothing fails, 1 where something does."""
     rig = options.rig_of(arguments)
+    options.settings_of(arguments, 'hunting_detector', DetectorConfig, CompanionConfig)
     if arguments.bag is not None:
         if arguments.duration is not None:
             raise ConfigError('--duration: only for live topics, a recording is read as a whole')

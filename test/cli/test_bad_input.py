@@ -119,6 +119,14 @@ def test_a_file_that_cannot_be_used_is_named(refused, tmp_path, command, fault) 
     assert 'given' in refused(command, FILE=file)
 
 
+@pytest.mark.parametrize('verb', ['check', 'replay'])
+def test_a_slip_in_the_section_of_the_detector_is_named(refused, tmp_path, verb) -> None:
+    rig = tmp_path / 'rig.yaml'
+    rig.write_text('/**/hunting_detector: {ros__parameters: {margin_inn: 4.0}}')
+    line = refused(f'{verb} BAG --rig RIG', RIG=rig)
+    assert 'unknown margin_inn, expected margin_in' in line
+
+
 def test_a_folder_of_recordings_names_them(refused, tmp_path) -> None:
     for name in 'dbca':
         (tmp_path / 'runs' / name).mkdir(parents=True)
