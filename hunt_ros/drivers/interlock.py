@@ -368,7 +368,7 @@ class Interlock:
             self._unwell_ns = now_ns
             if self._ill_ns >= 0:  # a profile may have begun when all was well
                 self._ill_ns += now_ns - before_ns
-                self._watching = self._ill_ns >= _SETTLED_S * NANOSECONDS
+                self._watching |= self._ill_ns >= _SETTLED_S * NANOSECONDS
             return None
         self._ill_ns = max(self._ill_ns, 0)
         if not self._watching and now_ns - self._unwell_ns >= _SETTLED_S * NANOSECONDS:

@@ -282,6 +282,12 @@ def test_nothing_trips_where_the_roller_stands_but_the_roller_itself() -> None:
     assert watched.interlock.refusal(watched.now_ns), 'and nothing is started'
     watched.interlock.parked = False
     assert watched.silence(0.1) == 'interlock_tripped', 'once it turns'
+    late = Watched()
+    late.run(4.0)
+    late.interlock.parked = True
+    assert late.run(0.2, 'STALE') == ''
+    late.interlock.parked = False
+    assert late.run(0.05, 'STALE') == 'interlock_tripped', 'which is no start of everything'
     roller = Watched()
     roller.interlock.parked = True
     roller.interlock.drive('', 'the roller runs on')
