@@ -177,8 +177,7 @@ class SpeedGuard:
                 self.interlock.displacement_m, self.interlock.rate_mps = largest
             lost = self.trouble()[1]
             self.interlock.drive(lost, self._fault)
-            told_to_turn = self.target_mps > 0.0
-            self.interlock.parked = not (lost or told_to_turn) and self.readings.at_rest()
+            self.interlock.parked = not (lost or self.target_mps > 0) and self.readings.at_rest()
             change = self.interlock.judge(steady_ns, measured_mps)
             goal, before = self.interlock.goal_mps, self.command.forced_mps
             if self.interlock.state == 'tripped' and goal < before:
@@ -407,6 +406,7 @@ class SpeedGuard:
         with self.deciding:
             command, interlock = self.command, self.interlock
             profile = command.profile
+            mode = 'off' if interlock.state == 'disarmed' else interlock.settings.interlock
             return {
                 'speed_mps': self.readings.speed_mps,
                 'target_mps': self.target_mps,
@@ -417,7 +417,7 @@ class SpeedGuard:
                 'profile_elapsed_s': float(command.elapsed_s),
                 'profile_remaining_s': float(command.remaining_s),
                 'interlock': interlock.settings.interlock,
-                'operating_state': 'parked' if interlock.parked else interlock.settings.interlock,
+                'operating_state': 'parked' if interlock.parked else mode,
                 'interlock_state': interlock.state,
                 'interlock_cause': interlock.cause,
                 'interlock_code': interlock.code,

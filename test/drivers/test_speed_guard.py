@@ -172,3 +172,11 @@ def test_a_roller_that_stands_and_is_to_is_parked(speed, target, state) -> None:
         guard.readings.take(10.0 + k, block)
     guard.watch(round(12.1e9), round(12.1e9))
     assert guard.values()['operating_state'] == state
+
+
+def test_who_disarms_a_measurement_is_called_for_hunting_again() -> None:
+    settings = InterlockSettings(interlock='measure')
+    guard = SpeedGuard(DriveLimits(), settings, 0.0, SafetyState())
+    assert guard.values()['operating_state'] == 'measure'
+    guard.arm(0, False)
+    assert guard.values()['operating_state'] == 'off', 'no limit of the amplitude trips either'
