@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from hunt_ros.nodes.support import hearing
-from hunt_ros.nodes.support.hearing import Missed, waiting
+from hunt_ros.nodes.support.hearing import Calls, Missed, Said, waiting
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.qos import stream
 from hunt_ros.nodes.support.runtime import cheapest_executor
@@ -101,3 +103,20 @@ def test_a_node_that_is_started_again_waits_for_no_sensor_beside_one(graph, monk
 
     graph.spin_until(begins)
     node.destroy_node()
+
+
+def test_the_words_of_two_that_call_at_once_are_both_taken(graph, listener) -> None:
+    calls = Calls(listener)
+    said = graph.node.create_publisher(String, '/listener/calls', stream(10))
+    graph.spin_until(said.get_subscription_count)
+    for words in ('bump', 'joint'):
+        said.publish(String(data=json.dumps({'service': 'mark', 'who': 'me', 'words': words})))
+    taken: list[Said] = []
+
+    def both() -> bool:
+        taken.extend(each for each in [calls.take('mark')] if each.words)
+        return len(taken) == 2
+
+    graph.spin_until(both)
+    assert {each.words for each in taken} == {'bump', 'joint'}
+    assert calls.take('mark') == Said()
