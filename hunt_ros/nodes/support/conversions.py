@@ -216,7 +216,7 @@ def heard_of(message: DiagnosticArray) -> Heard:
     sequence = said.get('sequence', '')
     return Heard(
         said.get('level', 'STALE'),
-        int(sequence) if sequence.isdecimal() else 0,
+        int(sequence[:18]) if sequence.isdecimal() else 0,
         to_ns(message.header.stamp),
         said.get('message', ''),
         number_of(said, 'envelope_m'),

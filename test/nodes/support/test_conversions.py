@@ -16,6 +16,7 @@ from hunt_ros.bag.cdr.message_types import standard_types
 from hunt_ros.nodes.support.conversions import (
     ChannelReader,
     diagnostic,
+    heard_of,
     joint_writer,
     read_diagnostic,
     to_ns,
@@ -79,3 +80,8 @@ def test_a_diagnostic_keeps_every_digit() -> None:
     assert (texts['level'], texts['message']) == ('WARN', 'why')
     assert float(texts['amplitude_m']) == 1 / 3
     assert math.isnan(float(texts['bad']))
+
+
+def test_a_number_of_any_length_ends_no_guard() -> None:
+    message = diagnostic(0, 'detector', 'OK', '', {'sequence': '9' * 5000}, 'rig')
+    assert heard_of(message).sequence > 0
