@@ -6,6 +6,7 @@ import json
 import os
 import threading
 import time
+from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
@@ -20,7 +21,7 @@ from hunt_ros.nodes.support.conversions import ChannelReader
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.qos import MEASUREMENTS, OVERRIDABLE, stream
 from hunt_ros.samples import NANOSECONDS
-from hunt_ros.services import spoken
+from hunt_ros.services import SERVICES, spoken
 from hunt_ros.suite import AGAIN
 
 #: Sensor nodes that start together have all begun to publish this long after the first, s; beside
@@ -28,6 +29,8 @@ from hunt_ros.suite import AGAIN
 _TOGETHER_S, _THERE_S = 5.0, 1.0
 #: Words that came longer ago than this do not belong to a call that comes now, s.
 _FRESH_S = 5.0
+#: So many calls of one service are waited for at once, and what is said with them kept.
+_CALLS = 5
 
 
 def waiting(subscription: Subscription) -> Iterator[tuple[Any, dict[str, Any]]]:
@@ -209,7 +212,7 @@ class Calls:
     def __init__(self, node: SuiteNode) -> None:
         topic = f'{node.get_name()}/calls'
         self._subscription = node.create_polled_subscription(String, topic, stream(10))
-        self._said: dict[str, list[tuple[int, Said]]] = {}
+        self._said = {word: deque[tuple[int, Said]](maxlen=_CALLS) for word in SERVICES}
         self._taking = threading.Lock()
 
     def take(self, service: str) -> Said:
@@ -221,7 +224,8 @@ class Calls:
                 with suppress(ValueError, TypeError, KeyError, RecursionError):
                     told = json.loads(message.data)
                     said = Said(*(spoken(str(told[name])) for name in Said._fields))
-                    self._said.setdefault(str(told['service']), []).append((came_ns, said))
+                    self._said[str(told['service'])].append((came_ns, said))
             # Of two that call at once each gets words: one call takes the last, and one the other.
-            came_ns, said = (self._said.get(service) or [(0, Said())]).pop()
+            kept = self._said[service]
+            came_ns, said = kept.pop() if kept else (0, Said())
         return said if (time.time_ns() - came_ns) / NANOSECONDS < _FRESH_S else Said()
