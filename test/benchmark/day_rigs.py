@@ -31,6 +31,8 @@ KINDS = (
     'staircase',
     'just below v_n, kicked',
 )
+#: More of them, for a day beside that of a seed.
+TURNS = ('stops and goes on', 'reverses')
 FAULTS = ('lateral dead', 'lateral noise', 'lateral gain', 'yaw dead', 'swapped', 'gaps')
 
 
@@ -131,11 +133,11 @@ def random_rig(rng: np.random.Generator) -> RandomRig:
     )
 
 
-def random_day(seed: int) -> Day:
-    """Return the day of a seed."""
+def random_day(seed: int, kind: str = '') -> Day:
+    """Return the day of a seed; of a kind that is named, of the same rig."""
     rng = np.random.default_rng([25, seed])
     rig = random_rig(rng)
-    kind = KINDS[seed % len(KINDS)]
+    kind = kind or KINDS[seed % len(KINDS)]
     if not rig.fold and kind in ('kicks', 'starts in the cycle', 'just below v_n, kicked'):
         kind = 'staircase'
     fault = str(rng.choice(FAULTS)) if rng.random() < 0.25 else ''
@@ -145,7 +147,7 @@ def random_day(seed: int) -> Day:
     t = np.arange(0.0, corners[-1][0] * period, 1.0 / rate)
     speed = np.interp(t / period, *zip(*corners, strict=True))
     angle = np.cumsum(speed) / rate * 2.0 / rig.roller_m
-    z = _path(rig, t, speed, angle, kicks, begin, rng)
+    z = _path(rig, t, np.abs(speed), kicks, begin, rng)
     amplitude = np.abs(z)
     turning = z * np.exp(2j * np.pi * rig.hz * t)
     third = 0.03 * (amplitude / rig.scale) ** 2 * (turning**3 / np.fmax(amplitude, 1e-12) ** 2)
@@ -181,7 +183,7 @@ def random_day(seed: int) -> Day:
     keep = slice(None, None, max(1, int(rate / (20.0 * rig.hz))))
     return Day(
         seed, kind, fault, rig, record, config, form,
-        t[keep], speed[keep], amplitude[keep], fault_s,
+        t[keep], np.abs(speed[keep]), amplitude[keep], fault_s,
     )  # fmt: skip
 
 
@@ -214,6 +216,12 @@ def _plan(
         for number, v in enumerate(speeds):
             corners += [(90.0 * number, float(v)), (90.0 * number + 70.0, float(v))]
         return corners, [], begin
+    if kind in TURNS:
+        fast = rng.uniform(1.03, 1.1) * v_c
+        again = fast if kind == TURNS[0] else -fast
+        way = [(0.0, 0.7 * v_n), (40.0, 0.7 * v_n), (40.0 + ramp, fast), (240.0 + ramp, fast)]
+        way += [(240.0 + 2.0 * ramp, 0.0), (300.0 + 2.0 * ramp, 0.0)]
+        return [*way, (300.0 + 3.0 * ramp, again), (500.0 + 3.0 * ramp, again)], [], begin
     if kind == 'quiet':
         return [(0.0, between), (500.0, between)], [], begin
     if kind == 'kicks':
@@ -233,13 +241,13 @@ def _path(
     rig: RandomRig,
     t: _F,
     speed: _F,
-    angle: _F,
     kicks: list[tuple[float, float]],
     begin: float,
     rng: np.random.Generator,
 ) -> NDArray[np.complex128]:
     """Integrate the phasor, in the frame that turns with the hunting frequency."""
     step = t[1] - t[0]
+    angle = np.cumsum(speed) * step * 2.0 / rig.roller_m
     # Standing still the wheelset is stuck: what moves it grows with the speed.
     driven = np.sqrt(2.0 * rig.diffusion * step) * np.minimum(speed / (0.5 * rig.v_c), 1.0)
     shocks = driven * (rng.normal(size=(t.size, 2)) @ np.array([1.0, 1j]))

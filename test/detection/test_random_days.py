@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / 'benchmark'))
-from bench_day import Marks, lived, truth
+from bench_day import Marks, days_of, lived, truth
 from day_rigs import KINDS, random_day
 
 from hunt_ros.detection import health
@@ -23,15 +23,20 @@ def test_a_day_is_that_of_its_seed() -> None:
 
 
 def test_days_of_random_rigs() -> None:
-    total = Marks()
-    for seed in range(2 * len(KINDS)):
-        total.add(lived(random_day(seed))[0])
+    total, apart = Marks(), 0
+    for day in days_of(range(2 * len(KINDS))):
+        marks, _ = lived(day)
+        total.add(marks)
+        apart += marks.contradict_s > 0.01 * marks.sound_s
     assert total.cycles >= 5
     assert total.missed == 0
     assert total.false_alarms <= 1
     assert total.flips <= 1
     assert total.ok_in_doubt_s < 1.0
-    assert not total.contradictions
+    assert total.ahead >= total.grown - 2
+    assert apart <= 1, (
+        'words and numbers contradict each other on a day at v_c of a rig without fold'
+    )
 
 
 @pytest.mark.parametrize('seed', [8, 10, 49, 57, 65, 73, 83, 89, 161, 297])
