@@ -449,6 +449,17 @@ def test_a_folder_that_is_deleted_takes_the_state_of_no_guard_with_it(run, graph
     assert rig.end() == 0
 
 
+def test_a_place_for_the_log_of_ros_that_is_gone_keeps_no_guard_away(run, graph) -> None:
+    place = graph.folder / 'ros'
+    rig = run()
+    rig.start(env={**os.environ, 'ROS_LOG_DIR': str(place)})
+    shutil.rmtree(place)
+    place.touch()
+    rig.kill('roller_speed')
+    rig.until_safe()
+    assert rig.end() == 0
+
+
 def test_who_presses_twice_is_told_that_the_roller_still_turns(run, graph) -> None:
     rig = run(rate=0.1)
     rig.start()

@@ -27,6 +27,7 @@ from hunt_ros.errors import HuntError
 from hunt_ros.nodes.support.ending import CLOSING_S, Ending
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import refuse_unknown
+from hunt_ros.suite import AGAIN
 
 _SPIN_S = 0.05
 #: The system signals the death of who started this process before all its threads have gone, and
@@ -68,8 +69,9 @@ def run(
     int
         0 after a clean end, 2 for bad parameters or hardware that is not there.
     """
-    if 'HOME' not in os.environ:  # ROS would find no place for its log, and not start
-        os.environ.setdefault('ROS_LOG_DIR', tempfile.gettempdir())
+    # ROS that finds no place for its log does not start; one that it had may be gone since.
+    if AGAIN in os.environ or not {'HOME', 'ROS_LOG_DIR'} & {*os.environ}:
+        os.environ['ROS_LOG_DIR'] = tempfile.gettempdir()
     words = None if arguments is None else list(arguments)
     try:
         rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
@@ -128,5 +130,4 @@ def _deliver(node: SuiteNode) -> None:
     """Wait, not for long, until everybody who listens has what the node said last."""
     deadline = time.monotonic() + _DELIVERY_S
     for publisher in node.publishers:
-        left_s = max(0.0, deadline - time.monotonic())
-        publisher.wait_for_all_acked(Duration(nanoseconds=round(1e9 * left_s)))
+        publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
