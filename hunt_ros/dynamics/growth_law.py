@@ -346,7 +346,7 @@ class GrowthLaw:
         size = self.scales.amplitude
         return size * _root(unstable), size * _root(stable)
 
-    def folds(self, lowest: float, both: float = math.nan) -> Array:
+    def folds(self, lowest: float, highest: float = math.inf) -> Array:
         """
         Nonlinear critical speeds, where the pairs of limit cycles end, and the amplitudes there.
 
@@ -354,24 +354,23 @@ class GrowthLaw:
         ----------
         lowest : float
             Speed below which none is looked for, m/s.
-        both : float, optional
-            Speed at which there is such a pair, m/s: that below which one is looked for where
-            a law has no v_c.
+        highest : float, optional
+            Speed above which none is looked for, m/s.
 
         Returns
         -------
         ndarray, shape (2, laws)
-            m/s and m; NaN where there is no fold between `lowest` and v_c.
+            m/s and m; NaN where there is no fold between `lowest` and v_c, or `highest`.
         """
         many = GrowthLaw(np.atleast_2d(self.p), self.scales)
-        v_c = many.critical_speeds
-        v_c = np.where(np.isfinite(v_c), v_c, both)
+        end = np.fmin(many.critical_speeds, highest)
+        end = np.where(np.isfinite(end), end, math.nan)
         # Closest next to v_c: a hysteresis may be narrow.
         share = 1.0 - np.linspace(1.0, 0.0, 121)[:-1] ** 3
-        speeds = lowest + np.maximum(v_c - lowest, 0.0)[:, None] * share
+        speeds = lowest + np.maximum(end - lowest, 0.0)[:, None] * share
         pair: NDArray[np.bool_] = ~np.isnan(np.add(*many.steady_amplitudes(speeds)))
-        folds = (v_c > lowest) & pair[:, -1] & ~pair.all(axis=1)
-        rows = np.arange(len(v_c))
+        folds = (end > lowest) & pair[:, -1] & ~pair.all(axis=1)
+        rows = np.arange(len(end))
         last = np.minimum(119 - np.argmin(pair[:, ::-1], axis=1), 118)
         low, high = speeds[rows, last], speeds[rows, last + 1]
         for _ in range(24):

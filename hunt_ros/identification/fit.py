@@ -61,13 +61,10 @@ class FittedLaw:
     ----------
     law : GrowthLaw
     fit : TrajectoryFit
-    path : Path
-        What it was fitted to.
     """
 
     law: GrowthLaw
     fit: TrajectoryFit
-    path: Path
 
     @property
     def noise(self) -> NDArray[np.float64]:
@@ -101,7 +98,7 @@ def fit_law(
     for width in _WIDTHS:
         path = _turned(path, fit, scales)
         prior = law_prior(scales, line, width, fit.theta[:PAPER_TERMS])
-        fit = fit_path(path, fit.theta, prior, priors, own=fit.own, spread=fit.spread)
+        fit = fit_path(path, fit.theta, prior, priors, own=fit.own, spread=fit.problem.spread)
     fit = learnt(path, fit, prior, priors)
     # A kick too small to be seen in its window shows as a step of the path: start anew there.
     for _ in range(_GATES):
@@ -110,8 +107,8 @@ def fit_law(
         if not steps.any() or steps.sum() > 3 + _MOST_JUMPS * steps.size:
             break
         path = path.broken_at(steps)
-        fit = fit_path(path, fit.theta, prior, priors, own=fit.own, spread=fit.spread)
-    return FittedLaw(GrowthLaw(fit.law, scales), fit, path)
+        fit = fit_path(path, fit.theta, prior, priors, own=fit.own, spread=fit.problem.spread)
+    return FittedLaw(GrowthLaw(fit.law, scales), fit)
 
 
 def _fit_paper(

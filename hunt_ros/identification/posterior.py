@@ -86,9 +86,6 @@ class Posterior:
         Lowest and highest speed of the data, m/s.
     prior_v_c : float, optional
         What is known of v_c from elsewhere, m/s.
-    both : float, optional
-        Speed at which rest and a limit cycle were seen, m/s: v_n is below it, also of laws that
-        have no v_c.
     """
 
     law: GrowthLaw
@@ -96,7 +93,6 @@ class Posterior:
     intensity: Array
     speeds: tuple[float, float]
     prior_v_c: float | None = None
-    both: float = math.nan
 
     @cached_property
     def laws(self) -> GrowthLaw:
@@ -140,7 +136,7 @@ class Posterior:
         ]
         coefficients = np.array(rows).reshape(-1, len(COEFFICIENTS))
         v_c = self.laws.critical_speeds
-        v_n, amplitude = self.laws.folds(self.reach[0], self.both)
+        v_n, amplitude = self.laws.folds(*self.reach)
         near = self._within(v_n)
         amplitude = np.where(np.isfinite(near), amplitude, math.nan)
         return np.column_stack([self._within(v_c), near, amplitude, coefficients])

@@ -73,8 +73,6 @@ class FitSummary:
         Why it does not; empty where it does.
     lack_of_fit_p : float
         Probability of so large a discrepancy of the limit cycle if the law were right.
-    condition_number : float
-        Of the information, scaled to unit diagonal.
     converged : bool
         Whether the fit stands at a maximum of the likelihood; elsewhere nothing is read from it.
     v_c_bound : float
@@ -87,7 +85,6 @@ class FitSummary:
     lack_of_fit: bool
     lack_of_fit_because: Sequence[str]
     lack_of_fit_p: float
-    condition_number: float
     converged: bool
     v_c_bound: float = field(default=math.nan, metadata=key(''))
 

@@ -13,6 +13,7 @@ from scipy import stats
 from hunt_ros.dynamics.covariance_root import covariance_root, inverse_of
 from hunt_ros.dynamics.growth_law import LINEAR, SATURATION, TERMS, GrowthLaw, reading
 from hunt_ros.identification.fit import FittedLaw
+from hunt_ros.identification.likelihood.path_likelihood import ALL_TERMS
 from hunt_ros.identification.likelihood.trajectory_fit import TrajectoryFit
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import NORMAL_95, Uncertain
@@ -30,6 +31,13 @@ EXISTS = 0.95
 ENOUGH_DRAWS = 10
 #: Draws that are tried for one that is kept, at most.
 _TRIES = 8
+#: Largest deviation of the logarithm of a noise that is drawn: a factor of three. Of noise too
+#: small to be seen nothing else keeps the draws.
+_VAGUE_NOISE = 1.1
+#: Windows that all moves of the draws may take. The longer a record the more normal is what it
+#: leaves open (as one over the root of its length): five moves of each draw for a minute, none
+#: for six.
+_WINDOWS = 200_000
 
 
 def law_covariance(fit: TrajectoryFit) -> NDArray[np.float64]:
@@ -45,6 +53,19 @@ def law_covariance(fit: TrajectoryFit) -> NDArray[np.float64]:
         # A law that ran away says nothing: so wide that every guard sees it.
         return 1e6 * np.eye(TERMS)
     return np.asarray(inverse_of(fit.information)[:TERMS, :TERMS], dtype=np.float64)
+
+
+def _beside(
+    fitted: FittedLaw, away: NDArray[np.float64], normal: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the noise that goes with laws so far away from the fit, shape (n, 5)."""
+    information = fitted.fit.information
+    if not np.isfinite(information).all():
+        return np.tile(fitted.noise, (len(away), 1))
+    own = information[TERMS:, TERMS:] + np.diag([0.0, 0.0, *3 * [_VAGUE_NOISE**-2]])
+    covariance = inverse_of(own)
+    follow = -covariance @ information[TERMS:, :TERMS]
+    return np.asarray(fitted.noise + away @ follow.T + normal @ covariance_root(covariance).T)
 
 
 def critical_speed_bound(fitted: FittedLaw) -> float:
@@ -77,7 +98,7 @@ def _degrees(fit: TrajectoryFit) -> float:
     """Degrees of freedom of the variances of a law: draws of it are Student's."""
     if not np.isfinite(fit.information).all():
         return 2.0
-    apart = fit.spread[1:3].max() > _APART
+    apart = fit.problem.spread[1:3].max() > _APART
     return min(_DEGREES, float(max(len(fit.own) - 1, 2))) if apart else _DEGREES
 
 
@@ -120,15 +141,60 @@ def _away(
     return away
 
 
+def _moved(
+    fitted: FittedLaw,
+    theta: NDArray[np.float64],
+    admissible: Callable[[GrowthLaw], bool] | None,
+    generator: np.random.Generator,
+) -> NDArray[np.float64]:
+    """
+    Move draws to where the likelihood wants them, shape (n, 15).
+
+    Half of them at a time step along differences of two of the others, and each step is taken
+    with the probability of Metropolis.
+
+    References
+    ----------
+    ter Braak, C. J. F. (2006), Stat. Comput. 16, 239-249: differential evolution.
+    """
+    fit, problem, count = fitted.fit, fitted.fit.problem, len(theta)
+    rounds = _WINDOWS // (_DRAWS * problem.path.time.size)
+    if not rounds or count < theta.shape[1] or not np.isfinite(fit.information).all():
+        return theta
+    at, usual = problem.expand(fit.theta, fit.own), 2.38 / math.sqrt(2.0 * problem.varied.sum())
+
+    def log_density(one: NDArray[np.float64]) -> float:
+        """Return the log posterior, where the recordings' own follows."""
+        law = replace(fitted.law, p=one[:TERMS] + fit.correction)
+        if not (problem.allowed(one) and (admissible is None or admissible(law))):
+            return -math.inf
+        away = one - fit.theta
+        vague = 0.5 * float(np.sum((away[-3:] / _VAGUE_NOISE) ** 2))
+        return -problem.objective(one, fit.own + at.follow(away, 0.0)) - vague
+
+    reached = np.array([log_density(one) for one in theta])
+    halves = np.arange(0, count, 2), np.arange(1, count, 2)
+    for mine, others in (halves, halves[::-1]) * rounds:
+        first, second = theta[generator.choice(others, (2, mine.size))]
+        step = usual * np.exp(0.5 * generator.standard_normal((mine.size, 1)))
+        trial = theta[mine] + step * (first - second)
+        trial[:, SATURATION] = np.abs(trial[:, SATURATION])
+        value = np.array([log_density(one) for one in trial])
+        with np.errstate(invalid='ignore'):  # from a place beyond the bounds to another
+            taken = np.log(generator.random(mine.size)) < value - reached[mine]
+        theta[mine[taken]], reached[mine[taken]] = trial[taken], value[taken]
+    return theta
+
+
 def draw_laws(
     fitted: FittedLaw,
     settings: IdentificationSettings,
     stretch: float = 1.0,
     admissible: Callable[[GrowthLaw], bool] | None = None,
     cycle: float = 1.0,
-) -> tuple[NDArray[np.float64], float]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """
-    Draw laws as the data leave them open.
+    Draw laws as the data leave them open, and the noise beside them.
 
     Parameters
     ----------
@@ -146,7 +212,9 @@ def draw_laws(
     Returns
     -------
     p : ndarray, shape (n, 10)
-        Student draws of the coefficients.
+        Coefficients: Student draws, moved by the likelihood where the law fits.
+    noise : ndarray, shape (n, 5)
+        Forcing and noise of each.
     rejected : float
         Share of the draws that was rejected.
     """
@@ -158,14 +226,20 @@ def draw_laws(
     tried = 0
     for away in _away(fitted, covariance, normal, scale):
         tried += 1
-        p = fitted.law.p + away
-        if admissible is None or admissible(replace(fitted.law, p=p)):
-            drawn.append(p)
+        if admissible is None or admissible(replace(fitted.law, p=fitted.law.p + away)):
+            drawn.append(away)
             if len(drawn) == _DRAWS:
                 break
     scales = settings.speed_scale_std * generator.standard_normal(len(drawn))
-    told = [reading(0.0, scale) @ p for p, scale in zip(drawn, scales.tolist(), strict=True)]
-    return np.array(told).reshape(-1, TERMS), 1.0 - len(drawn) / tried
+    away = np.array(drawn).reshape(-1, TERMS)
+    noise = _beside(fitted, away, generator.standard_normal((len(away), ALL_TERMS - TERMS)))
+    theta = np.hstack([fitted.law.p + away, noise])
+    if stretch == cycle == 1.0:
+        theta[:, :TERMS] -= fitted.fit.correction
+        theta = _moved(fitted, theta, admissible, generator)
+        theta[:, :TERMS] += fitted.fit.correction
+    told = [reading(0.0, k) @ one[:TERMS] for one, k in zip(theta, scales.tolist(), strict=True)]
+    return np.array(told).reshape(-1, TERMS), theta[:, TERMS:], 1.0 - len(drawn) / tried
 
 
 def summary(

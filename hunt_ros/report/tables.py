@@ -244,9 +244,6 @@ def fit_quality(one: Identification) -> str:
         'chance of so large a misfit were the law right': shown(
             _known(one, fit.lack_of_fit_p, 'fit.lack_of_fit_p'), digits=2
         ),
-        'condition number': shown(
-            _known(one, fit.condition_number, 'fit.condition_number'), digits=2
-        ),
         'condition number of the four-point recipe': shown(
             one.why('four_point') if four is None else four.condition_number, digits=2
         ),

@@ -60,6 +60,17 @@ def test_many_laws_at_once_give_what_each_gives_alone():
             np.testing.assert_allclose(alone, together[k], rtol=1e-9)
 
 
+def test_a_law_without_a_critical_speed_has_a_fold():
+    """Rest is damped alike at every speed, and the limit cycle ends below 7 m/s."""
+    p = lawful([-0.3, 0.0, 0.0, 2.0, 4.0, -2.3])
+    law = GrowthLaw(p, SCALES)
+    assert law.critical_speed is None
+    assert np.isnan(law.folds(5.0)[0, 0])
+    fold = law.folds(5.0, 8.8)[0, 0]
+    assert np.isfinite(law.steady_amplitudes(fold + 1e-3)).all()
+    assert np.isnan(law.steady_amplitudes(fold - 1e-3)).all()
+
+
 @pytest.mark.parametrize('D4', [10.0, 100.0, 1000.0])
 def test_the_fold_of_a_narrow_hysteresis_is_found(D4):
     form = NormalForm(8.0, 0.12, D4, 0.0, 0.0, -2e7)

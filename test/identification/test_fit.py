@@ -69,9 +69,9 @@ def test_a_saturation_that_its_bound_holds_is_drawn_from_the_flank(fitted, beyon
 
 def test_draws_that_no_rig_can_be_are_rejected_and_counted(fitted):
     one, _ = fitted
-    every, none = draw_laws(one, SETTINGS)
+    every, _, none = draw_laws(one, SETTINGS)
     middle = np.median(every[:, 1])
-    some, rejected = draw_laws(one, SETTINGS, admissible=lambda law: law.p[1] > middle)
+    some, _, rejected = draw_laws(one, SETTINGS, admissible=lambda law: law.p[1] > middle)
     assert none == 0.0
     assert len(some) == len(every)
     assert (some[:, 1] > middle).all()
@@ -139,14 +139,14 @@ def test_recordings_with_gains_of_their_own_give_the_law_of_all(fitted):
     one, runs = fitted
     path, scales = _path(runs, 2.835, SETTINGS)
     alike = one.fit
-    assert (alike.spread[:3] < 2e-3).all()
+    assert (alike.problem.spread[:3] < 2e-3).all()
     odd = path.recording % 2 == 1
     mixed = replace(path, phasor=np.where(odd, 1.02, 1.0) * path.phasor)
     found = fit_law(mixed, scales, SETTINGS, None)
     gain = found.fit.own[:, 0]
     # Those that reach the limit cycle tell their gain, the others nothing.
     assert 0.5 * np.log(1.02) < np.mean(gain[1::2]) - np.mean(gain[::2]) < 1.1 * np.log(1.02)
-    assert 0.005 < found.fit.spread[0] < 0.02
+    assert 0.005 < found.fit.problem.spread[0] < 0.02
     # A gain is no speed: what the speeds tell is told as well.
     assert found.law.critical_speed == pytest.approx(one.law.critical_speed, abs=0.01)
     assert found.law.saddle_node(5.0) == pytest.approx(one.law.saddle_node(5.0), abs=0.01)
@@ -242,7 +242,7 @@ def test_a_soft_onset_blurred_by_noise_is_no_lack_of_fit(make):
 
 
 def test_the_law_does_not_hang_on_the_unit_of_time(fitted):
-    path, scales = fitted[0].path, fitted[0].law.scales
+    path, scales = fitted[0].fit.problem.path, fitted[0].law.scales
     one = fit_law(path, scales, SETTINGS, None)
     # The same motion ten times slower: its rates have another size, and nothing else has.
     path = replace(path, time=10.0 * path.time, blur=100.0 * path.blur, reach=10.0 * path.reach)

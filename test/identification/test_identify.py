@@ -170,9 +170,7 @@ def test_the_json_has_the_public_keys_and_no_nan(from_staircase):
     used = [segment for segment in document['segments'] if segment['used']]
     assert document['fit']['segments'] == len(used)
     assert document['fit']['lack_of_fit'] == bool(document['fit']['lack_of_fit_because'])
-    assert {'law', 'segments', 'residual_rms_m', 'lack_of_fit', 'condition_number'} <= set(
-        document['fit']
-    )
+    assert {'law', 'segments', 'residual_rms_m', 'lack_of_fit'} <= set(document['fit'])
     assert document['coordinate'] == 'amplitude'
 
 

@@ -46,7 +46,7 @@ def learnt(
         return fit
     for turn in range(_ROUNDS):
         spread = _likeliest(path, fit, prior, priors)
-        settled = (np.abs(np.log(spread / fit.spread)) < 0.5).all()
+        settled = (np.abs(np.log(spread / fit.problem.spread)) < 0.5).all()
         last = settled or turn == _ROUNDS - 1
         if last:
             spread = spread * np.sqrt((count + 1.0) / (count - 1.0))
@@ -58,14 +58,14 @@ def learnt(
 
 def _likeliest(path: Path, fit: TrajectoryFit, prior: LawPrior, priors: Sequence[Prior]) -> Array:
     """Spreads of what recordings have of their own that explain them best, shape (5,)."""
-    problem = Problem(path, prior, priors, fit.spread)
-    at, precision = problem.expand(fit.theta, fit.own), np.diag(fit.spread**-2.0)
+    problem, before = Problem(path, prior, priors, fit.problem.spread), fit.problem.spread
+    at, precision = problem.expand(fit.theta, fit.own), np.diag(before**-2.0)
     if not all(np.isfinite(one).all() for one in (at.information, at.own_block, at.cross)):
-        return fit.spread  # of a law that ran away
+        return before  # of a law that ran away
     bare = at.own_block - precision
     # With what the recordings have held, at zero.
     law, pull = at.information, at.gradient + np.einsum('rjk,rk->j', at.cross, fit.own)
-    wanted = at.own_slope + fit.own / fit.spread**2 + np.einsum('rjk,rk->rj', bare, fit.own)
+    wanted = at.own_slope + fit.own / before**2 + np.einsum('rjk,rk->rj', bare, fit.own)
     free = np.flatnonzero(np.diag(law) > 0.0)
 
     def evidence(spread: Array) -> float:
@@ -80,7 +80,7 @@ def _likeliest(path: Path, fit: TrajectoryFit, prior: LawPrior, priors: Sequence
         width += np.linalg.slogdet(reduced)[1]
         return float(0.5 * (gain - width) - np.sum(spread / USUAL))
 
-    spread: Array = fit.spread.copy()
+    spread: Array = before.copy()
     for _ in range(3):
         for k in range(OWN):
             tried = np.tile(spread, (SPREADS.shape[1], 1))

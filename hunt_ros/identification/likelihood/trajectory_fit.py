@@ -102,8 +102,8 @@ class TrajectoryFit:
         What each recording has of its own: logarithms of measured over true amplitude and of
         true over measured speed, shift of its v_c over v_ref, logarithms of its forcing Q and
         its noise R over those of the law.
-    spread : ndarray, shape (5,)
-        Its standard deviations among recordings; 0: they are taken as alike.
+    problem : Problem
+        What was maximised.
     """
 
     theta: NDArray[np.float64]
@@ -114,21 +114,12 @@ class TrajectoryFit:
     beyond: float
     correction: NDArray[np.float64]
     own: NDArray[np.float64]
-    spread: NDArray[np.float64]
+    problem: Problem
 
     @property
     def converged(self) -> bool:
         """Whether the fit stands at a maximum: elsewhere its information says nothing."""
         return self.remaining < _REACHED
-
-    @property
-    def condition_number(self) -> float:
-        """Of the information on the paper's form, scaled to unit diagonal."""
-        paper = self.information[:PAPER_TERMS, :PAPER_TERMS]
-        if not np.isfinite(paper).all():
-            return float('inf')
-        size = np.sqrt(np.maximum(np.diag(paper), 1e-300))
-        return float(np.linalg.cond(paper / np.outer(size, size)))
 
     @property
     def law(self) -> NDArray[np.float64]:
@@ -210,7 +201,20 @@ class _Expansion:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is maximised: the likelihood of a path with what is known beforehand."""
+    """
+    What is maximised: the likelihood of a path with what is known beforehand.
+
+    Parameters
+    ----------
+    path : Path
+        The measured envelope.
+    prior : LawPrior
+        What is known of the coefficients.
+    priors : sequence of Prior
+        What is known from elsewhere.
+    spread : ndarray, shape (5,)
+        Standard deviations of what recordings have of their own; 0: they are taken as alike.
+    """
 
     path: Path
     prior: LawPrior
@@ -232,6 +236,11 @@ class Problem:
         """Parameters that are not held at the mean of their prior, shape (15,)."""
         varied: NDArray[np.bool_] = np.concatenate([self.std > 0.0, np.ones(3, dtype=bool)])
         return varied
+
+    def allowed(self, theta: Array) -> bool:
+        """Whether no parameter is beyond its bounds."""
+        low, high = _bounds()
+        return bool(((theta >= low) & (theta <= high)).all())
 
     @property
     def told(self) -> NDArray[np.int64]:
@@ -492,5 +501,5 @@ def fit_path(
         min(onward, 0.0),
         damping_correction(theta, path, current.derivative, information),
         own,
-        spread,
+        problem,
     )

@@ -43,8 +43,6 @@ from hunt_ros.samples import Uncertain
 
 #: Logarithm of a noise intensity, in units of A_ref^2 / s, below which there is none to see.
 _UNSEEN = -30.0
-#: Largest deviation of the logarithm of a noise intensity that is drawn: a factor of three.
-_VAGUE_NOISE = 1.1
 #: Share of draws rejected from which it is said.
 _MANY = 0.5
 #: RMS misfit of the limit cycle from which a law is no normal form of the rig.
@@ -116,7 +114,7 @@ class Evidence:
         """Return it with the recordings brought to one gain and one scale of the speed."""
         best = self.fitted
         ends = np.cumsum([run.envelope.time.size for run in self.runs])
-        own = np.split(best.fit.own[best.path.recording, :2], ends[:-1])
+        own = np.split(best.fit.own[best.fit.problem.path.recording, :2], ends[:-1])
         given = [np.exp(one.mean(axis=0)).tolist() for one in own]
         return replace(
             self, runs=[run.read(*one) for run, one in zip(self.runs, given, strict=True)]
@@ -168,7 +166,7 @@ def conclude(
     # limit cycle tells, against chance, where it is seen at all.
     stretch = 1.0 + min(misfit.share / 0.01, 10.0) if lacks else 1.0
     cycle = 1.0 if lacks else misfit.stretch
-    drawn, rejected = draw_laws(best, settings, stretch, _admissible(evidence), cycle)
+    drawn, noise, rejected = draw_laws(best, settings, stretch, _admissible(evidence), cycle)
     if rejected > _MANY:
         warnings.append(
             f'{100.0 * rejected:.0f} % of the laws around the fit are of no rig, or contradict'
@@ -177,10 +175,9 @@ def conclude(
     posterior = Posterior(
         best.law,
         drawn,
-        _intensity(best, len(drawn), settings.seed),
+        _intensity(best, noise),
         evidence.speeds,
         settings.prior_v_c[0] if settings.prior_v_c else None,
-        max(evidence.bracket.coexistence or (math.nan,)),
     )
     failed |= _unsupported(best, posterior, evidence, settings, warnings)
     why = {
@@ -257,18 +254,13 @@ def _admissible(evidence: Evidence) -> Callable[[GrowthLaw], bool] | None:
     return admissible if admissible(chosen) else None
 
 
-def _intensity(best: FittedLaw, count: int, seed: int) -> NDArray[np.float64]:
-    """Draws of the noise intensity D at the critical speed, m^2/s; NaN where none is seen."""
-    by_speed, _, level = best.noise[:3]
+def _intensity(best: FittedLaw, noise: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Noise intensity D of each draw at the critical speed, m^2/s; NaN where none is seen."""
     v_c = best.law.critical_speed
-    level += 0.0 if v_c is None else by_speed * float(best.law.detuning(v_c))
-    size = 0.5 * best.law.scales.amplitude**2 * math.exp(level)
-    if level < _UNSEEN or not np.isfinite(best.fit.information).all():
-        return np.full(count, math.nan)
-    variance = np.linalg.pinv(best.fit.information, rcond=1e-13, hermitian=True)[-3, -3]
-    spread = min(math.sqrt(max(float(variance), 0.0)), _VAGUE_NOISE)
-    normal = np.random.default_rng([seed, count]).standard_normal(count)
-    return np.asarray(size * np.exp(spread * normal))
+    u = 0.0 if v_c is None else float(best.law.detuning(v_c))
+    level = noise[:, 2] + u * noise[:, 0]
+    seen = (level > _UNSEEN) & np.isfinite(best.fit.information).all()
+    return 0.5 * best.law.scales.amplitude**2 * np.exp(np.where(seen, level, math.nan))
 
 
 def _misfits(
@@ -474,7 +466,6 @@ def _summary(evidence: Evidence, misfit: LackOfFit, lacks: Sequence[str]) -> Fit
         lack_of_fit_because=tuple(lacks),
         lack_of_fit_p=misfit.p,
         converged=best.fit.converged,
-        condition_number=best.fit.condition_number,
         v_c_bound=critical_speed_bound(best),
     )
 
