@@ -120,7 +120,8 @@ class LiveReplayNode(SuiteNode):
     def _somebody_listens(self) -> bool:
         """Return True if a node takes the motion for more than to show or to keep it."""
         return any(
-            info.node_name not in _ONLOOKERS
+            # Of who has just been found the name may not have come yet.
+            info.node_name not in _ONLOOKERS and 'UNKNOWN_' not in info.node_name
             for name in MOTION
             for info in self.get_subscriptions_info_by_topic(name)
         )
