@@ -31,6 +31,8 @@ class SafetyState:
         the one that is given counts.
     forced_mps : float
         Set point of the stop or the trip.
+    there : bool
+        The drive has taken it.
     safe_mps : float
         Where the interlock would take the roller.
     running : bool
@@ -46,6 +48,7 @@ class SafetyState:
     disarmed: str = ''
     alarm: str = ''
     forced_mps: float = 0.0
+    there: bool = False
     safe_mps: float = 0.0
     running: bool = False
     shelved: tuple[Shelved, ...] = ()
@@ -76,7 +79,8 @@ def read(path: Path) -> SafetyState | None:
     """
     try:
         told = json.loads(path.read_text(encoding='utf-8'))
-        shelved = told.get('shelved', ())  # one of 0.2.0 has none
+        shelved = told.get('shelved', ())  # one of before has none
+        told.setdefault('there', False)
         told['shelved'] = tuple(Shelved(**each) for each in shelved)
         told['history'] = tuple(told['history'])
         told |= {name: float(told[name]) for name in ('forced_mps', 'safe_mps')}

@@ -114,7 +114,8 @@ class SpeedGuard:
         if state.trip or damaged:
             goal = state.forced_mps if state.trip else state.safe_mps
             self.interlock.restore('tripped', state.trip or damaged, goal)
-            self.command.trip(goal, math.nan)
+            # The way down was over: it does not begin again at the speed of a drive that is deaf.
+            self.command.trip(goal, goal if state.there else math.nan)
         elif state.disarmed and self.interlock.state == 'armed':
             self.interlock.restore('disarmed', state.disarmed, 0.0)
         self.remember('started', damaged)
@@ -366,6 +367,7 @@ class SpeedGuard:
                 trip=interlock.cause if state == 'tripped' else '',
                 disarmed=interlock.cause if by_a_person else '',
                 forced_mps=command.forced_mps if command.forced else 0.0,
+                there=command.forced and self.target_mps <= command.forced_mps,
                 safe_mps=interlock.safe_speed_mps(),
                 running=running,
             )

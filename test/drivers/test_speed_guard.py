@@ -180,3 +180,20 @@ def test_who_disarms_a_measurement_is_called_for_hunting_again() -> None:
     assert guard.values()['operating_state'] == 'measure'
     guard.arm(0, False)
     assert guard.values()['operating_state'] == 'off', 'no limit of the amplitude trips either'
+
+
+@pytest.mark.parametrize('reached', [False, True])
+def test_a_way_down_that_was_over_does_not_begin_again(tmp_path, reached) -> None:
+    """The drive is deaf: the roller turns on at 7.6 m/s."""
+    path = tmp_path / 'state'
+    path.write_text(SafetyState(trip='why', forced_mps=0.0, there=reached).to_json())
+    guard, drive = _guard(read(path)), _Slow()
+    for k in range(1, 40):
+        now_ns = k * 50_000_000
+        block = DriveBlock(np.array([k]), np.array([math.nan]), np.array([7.6]))
+        guard.readings.take(now_ns * 1e-9, block)
+        guard.decide(now_ns, now_ns, there=True)
+        guard.hand_over(drive)
+    assert drive.taken[0] == (0.0 if reached else pytest.approx(7.6, abs=0.1))
+    assert all(np.diff(drive.taken) <= 0.0)
+    assert json.loads(guard.unsaved(running=True))['there'] is reached
