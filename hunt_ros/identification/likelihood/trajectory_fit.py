@@ -204,16 +204,7 @@ class Problem:
     """
     What is maximised: the likelihood of a path with what is known beforehand.
 
-    Parameters
-    ----------
-    path : Path
-        The measured envelope.
-    prior : LawPrior
-        What is known of the coefficients.
-    priors : sequence of Prior
-        What is known from elsewhere.
-    spread : ndarray, shape (5,)
-        Standard deviations of what recordings have of their own; 0: they are taken as alike.
+    `spread`, shape (5,), has standard deviations of what recordings have of their own; 0: alike.
     """
 
     path: Path
