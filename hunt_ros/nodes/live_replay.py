@@ -24,6 +24,7 @@ from hunt_ros.bag import ChannelSource, read_record
 from hunt_ros.errors import BagError, ConfigError
 from hunt_ros.nodes.support.conversions import channel_writer, to_time
 from hunt_ros.nodes.support.diagnostics import Health
+from hunt_ros.nodes.support.hearing import UNNAMED
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import MEASUREMENTS, stream
@@ -120,8 +121,7 @@ class LiveReplayNode(SuiteNode):
     def _somebody_listens(self) -> bool:
         """Return True if a node takes the motion for more than to show or to keep it."""
         return any(
-            # Of who has just been found the name may not have come yet.
-            info.node_name not in _ONLOOKERS and 'UNKNOWN_' not in info.node_name
+            info.node_name not in _ONLOOKERS and UNNAMED not in info.node_name
             for name in MOTION
             for info in self.get_subscriptions_info_by_topic(name)
         )

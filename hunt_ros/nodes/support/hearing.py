@@ -29,6 +29,8 @@ from hunt_ros.suite import AGAIN
 _TOGETHER_S, _THERE_S = 5.0, 1.0
 #: Words that came longer ago than this do not belong to a call that comes now, s.
 _FRESH_S = 5.0
+#: In the name of a node that has just been found, or was killed: its own is not known.
+UNNAMED = 'UNKNOWN_'
 #: So many calls of one service are waited for at once, and what is said with them kept.
 _CALLS = 5
 
@@ -175,7 +177,7 @@ class Channels:
         topic = self._heard[channel].topic_name
         found = self._node.get_publishers_info_by_topic(topic)
         names = {f'{p.node_namespace.rstrip("/")}/{p.node_name}' for p in found}
-        return topic, sorted({name for name in names if 'UNKNOWN_' not in name} or names)
+        return topic, sorted({name for name in names if UNNAMED not in name} or names)
 
     def problem(self) -> str:
         """Return what is wrong with the publishers of the channels, and what to do; or ''."""
