@@ -177,7 +177,7 @@ class CriticalSpeedForecast:
             Continuous angle of the roller, rad; NaN where it is not known.
         quiet : array_like of bool, shape (n,) or scalar
             False while the wheelset hunts or decays: such samples say nothing of the
-            quiet response, and end the level they fall into.
+            quiet response, and the level that they end holds how the hunting grew: it is dropped.
 
         Returns
         -------

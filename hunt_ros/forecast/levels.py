@@ -208,9 +208,9 @@ class QuietLevels:
         return np.stack([np.bincount(cell, column, BLOCK) for column in samples], axis=1)
 
     def mark_disturbed(self) -> None:
-        """Close the level: what comes now is not the quiet response (a kick, hunting)."""
+        """Drop the level: the wheelset hunts, and its motion grew in the level that was open."""
+        self._blocks, self._open = [], []
         self._close()
-        self._open = []
 
     def open_level(self) -> SpeedLevel | None:
         """Return the level that is still open; None while it is too short or not quiet."""

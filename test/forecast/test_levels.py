@@ -10,13 +10,14 @@ RATE = 200.0
 
 
 def collect(values: np.ndarray, speeds: np.ndarray, angles: np.ndarray | None = None):
-    """Levels of a record that begins at stamp 0."""
+    """Levels of a record that begins at stamp 0, and ends with a gap."""
     stamps = np.round(np.arange(values.size) / RATE * 1e9).astype(np.int64)
     levels = QuietLevels((0.8, 8.0))
     angles = np.full(values.size, np.nan) if angles is None else angles
-    for _ in levels.update(stamps, values, speeds, angles):
-        pass
-    levels.mark_disturbed()
+    for part in (slice(None), slice(-1, None)):
+        later = stamps[part] + (part.start is not None) * 10**10
+        for _ in levels.update(later, values[part], speeds[part], angles[part]):
+            pass
     return levels.levels
 
 
@@ -29,6 +30,20 @@ def test_a_level_is_a_stretch_of_one_speed():
     levels = collect(noise(120.0), speeds)
     assert [level.speed for level in levels] == pytest.approx([4.0, 4.5])
     assert [level.weight.max() for level in levels] == [2.0, 1.0]
+
+
+def test_the_level_in_which_hunting_grew_is_dropped():
+    levels = QuietLevels((0.8, 8.0))
+    for begin in (0, 8000):
+        stamps = np.round(np.arange(begin, begin + 4000) / RATE * 1e9).astype(np.int64)
+        nothing = np.full(stamps.size, np.nan)
+        speeds = np.full(stamps.size, 5.0 + begin / 8000)
+        for _ in levels.update(stamps, noise(20.0, begin), speeds, nothing):
+            pass
+    assert levels.open_level().speed == 6.0
+    levels.mark_disturbed()
+    assert levels.open_level() is None
+    assert [level.speed for level in levels.levels] == [5.0]
 
 
 def test_a_long_hold_is_cut_and_averaged():
