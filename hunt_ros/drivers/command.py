@@ -62,6 +62,8 @@ class RollerCommand:
         What `start` runs.
     forced_mps : float
         Set point of an emergency stop or the interlock, m/s; inf where there is none.
+    held_mps : float
+        Set point that a person has it hold instead of the profile, m/s; inf where there is none.
     stopped : bool
         An emergency stop is in force: nothing else reaches the drive.
     """
@@ -72,8 +74,7 @@ class RollerCommand:
         self.profile: Profile | None = None
         self._run: ProfileRun | None = None
         self._state = 'idle'
-        self._held: float | None = None  # instead of the profile
-        self.forced_mps, self.stopped = math.inf, False
+        self.forced_mps, self.held_mps, self.stopped = math.inf, math.inf, False
         #: Where the roller was then: one that lags behind a rising set point is not sped up.
         self._begin_mps = math.inf
         self._last = math.nan  # what the drive took last
@@ -112,8 +113,8 @@ class RollerCommand:
     def load(self, profile: Profile) -> None:
         """Take another profile; set points stay below the ceiling whatever it asks for."""
         self.profile, self._run, self._state = profile, None, 'idle'
-        if self._held is None and not math.isnan(self._last):
-            self._held = self._last
+        if math.isinf(self.held_mps) and not math.isnan(self._last):
+            self.held_mps = self._last
 
     def start(self, motion: Motion | None = None, against: str = '') -> str:
         """
@@ -133,16 +134,16 @@ class RollerCommand:
             return 'the profile reacts to the amplitude, and the detector tells none'
         if lacking := self.profile.missing(motion):
             return lacking
-        self._run, self._state, self._held = None, 'running', None
+        self._run, self._state, self.held_mps = None, 'running', math.inf
         return ''
 
     def stop(self) -> str:
         """Hold the speed of this moment; one that is changing comes to rest first."""
         if self.state == 'running':
             self._state = 'paused'
-        if self._held is None and not math.isnan(self._last):
+        if math.isinf(self.held_mps) and not math.isnan(self._last):
             rest = self._rate * abs(self._rate) / (2.0 * self.limits.jerk_mps3)
-            self._held = self._within(self._last + rest)
+            self.held_mps = self._within(self._last + rest)
         return ''
 
     def resume(self, against: str = '') -> str:
@@ -151,7 +152,7 @@ class RollerCommand:
         if self._state == 'paused' and self._run is not None and not self._run.resumable:
             never = 'a climb does not go on where it was stopped: start the profile again'
         if not (against := self._refusal or never or against):
-            self._state, self._held = 'running', None
+            self._state, self.held_mps = 'running', math.inf
         return against
 
     @property
@@ -191,7 +192,7 @@ class RollerCommand:
         """End what is forced; its speed is held until a profile is started or resumed."""
         if self.forced:
             # What the drive has never taken is not held: the roller may be slower.
-            self._held = None if math.isnan(self._last) else self.forced_mps
+            self.held_mps = math.inf if math.isnan(self._last) else self.forced_mps
             self.forced_mps, self.stopped = math.inf, False
 
     def next(
@@ -228,8 +229,8 @@ class RollerCommand:
             return max(self.forced_mps, min(before, self._begin_mps) - fallen)
         if math.isnan(before):
             return None
-        if self._held is not None:
-            wanted = self._held
+        if self.held_mps < math.inf:
+            wanted = self.held_mps
         elif self._state == 'running' and self.profile is not None:
             if self._run is None:
                 self._run, self._was_taken = ProfileRun(self.profile, before), True

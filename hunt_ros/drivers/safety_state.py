@@ -29,12 +29,11 @@ class SafetyState:
     emergency_stop, trip, disarmed, alarm : str
         Why it is in force; '' where it is not. Disarmed by a person: of the parameter `interlock`
         the one that is given counts.
-    forced_mps : float
-        Set point of the stop or the trip.
+    goal_mps : float
+        Where the roller is taken to when the node starts again: the set point of the stop, the
+        trip, or what a person has it hold; else the safe speed.
     there : bool
-        The drive has taken it.
-    safe_mps : float
-        Where the interlock would take the roller.
+        The drive has taken it, or less.
     running : bool
         The node guards, and has not ended by itself.
     shelved : tuple of Shelved
@@ -47,9 +46,8 @@ class SafetyState:
     trip: str = ''
     disarmed: str = ''
     alarm: str = ''
-    forced_mps: float = 0.0
+    goal_mps: float = 0.0
     there: bool = False
-    safe_mps: float = 0.0
     running: bool = False
     shelved: tuple[Shelved, ...] = ()
     history: tuple[dict[str, str], ...] = ()
@@ -79,11 +77,9 @@ def read(path: Path) -> SafetyState | None:
     """
     try:
         told = json.loads(path.read_text(encoding='utf-8'))
-        shelved = told.get('shelved', ())  # one of before has none
-        told.setdefault('there', False)
-        told['shelved'] = tuple(Shelved(**each) for each in shelved)
+        told['shelved'] = tuple(Shelved(**each) for each in told['shelved'])
         told['history'] = tuple(told['history'])
-        told |= {name: float(told[name]) for name in ('forced_mps', 'safe_mps')}
+        told['goal_mps'] = float(told['goal_mps'])
         for item in fields(SafetyState):
             value = told[item.name]
             finite = not isinstance(value, float) or math.isfinite(value)

@@ -107,15 +107,16 @@ class SpeedGuard:
 
     def _restore(self, state: SafetyState, damaged: str) -> None:
         """Put in force again what was in force when the process before ended."""
+        # A way down that was over does not begin again at the speed of a roller that is faster.
+        goal = state.goal_mps
+        begin = goal if state.there else math.nan
         if state.emergency_stop:
-            self.command.emergency_stop(state.forced_mps, math.nan)
+            self.command.emergency_stop(goal, begin)
         if state.running and not state.trip:
             damaged = damaged or 'the speed node ended without being asked'
         if state.trip or damaged:
-            goal = state.forced_mps if state.trip else state.safe_mps
             self.interlock.restore('tripped', state.trip or damaged, goal)
-            # The way down was over: it does not begin again at the speed of a drive that is deaf.
-            self.command.trip(goal, goal if state.there else math.nan)
+            self.command.trip(goal, begin)
         elif state.disarmed and self.interlock.state == 'armed':
             self.interlock.restore('disarmed', state.disarmed, 0.0)
         self.remember('started', damaged)
@@ -361,14 +362,15 @@ class SpeedGuard:
         with self.deciding:
             interlock, command, state = self.interlock, self.command, self.interlock.state
             by_a_person = state == 'disarmed' and interlock.settings.interlock != 'off'
+            asked = min(command.held_mps, interlock.safe_speed_mps())
+            goal = command.forced_mps if command.forced else asked
             self._kept = replace(
                 self._kept,
                 emergency_stop='asked for' if command.stopped else '',
                 trip=interlock.cause if state == 'tripped' else '',
                 disarmed=interlock.cause if by_a_person else '',
-                forced_mps=command.forced_mps if command.forced else 0.0,
-                there=command.forced and self.target_mps <= command.forced_mps,
-                safe_mps=interlock.safe_speed_mps(),
+                goal_mps=goal,
+                there=self.target_mps <= goal,
                 running=running,
             )
             before, self._saved = self._saved, self._kept

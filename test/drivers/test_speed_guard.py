@@ -11,10 +11,10 @@ import pytest
 
 from hunt_ros.drivers.base import DriveBlock
 from hunt_ros.drivers.command import DriveLimits
-from hunt_ros.drivers.interlock import InterlockSettings
+from hunt_ros.drivers.interlock import Heard, InterlockSettings
 from hunt_ros.drivers.safety_state import SafetyState, read
 from hunt_ros.drivers.speed_guard import SpeedGuard
-from hunt_ros.dynamics.profile import Hold, Profile
+from hunt_ros.dynamics.profile import Hold, Motion, Profile
 from hunt_ros.errors import ConfigError
 
 
@@ -64,7 +64,7 @@ def test_who_was_disarmed_by_a_person_stays_so_and_not_by_a_parameter_of_before(
 @pytest.mark.parametrize('rearm', [False, True])
 def test_a_speed_node_that_was_killed_sets_no_roller_going(mps, rearm) -> None:
     """It starts tripped, with the safe speed of before; the roller may stand."""
-    guard, drive = _guard(SafetyState(running=True, safe_mps=4.5)), _Slow()
+    guard, drive = _guard(SafetyState(running=True, goal_mps=4.5)), _Slow()
     assert guard.interlock.goal_mps == 4.5
     guard.reconfigure(0, InterlockSettings(interlock='off'))
     for step in range(1, 100):
@@ -186,7 +186,7 @@ def test_who_disarms_a_measurement_is_called_for_hunting_again() -> None:
 def test_a_way_down_that_was_over_does_not_begin_again(tmp_path, reached) -> None:
     """The drive is deaf: the roller turns on at 7.6 m/s."""
     path = tmp_path / 'state'
-    path.write_text(SafetyState(trip='why', forced_mps=0.0, there=reached).to_json())
+    path.write_text(SafetyState(trip='why', goal_mps=0.0, there=reached).to_json())
     guard, drive = _guard(read(path)), _Slow()
     for k in range(1, 40):
         now_ns = k * 50_000_000
@@ -197,3 +197,30 @@ def test_a_way_down_that_was_over_does_not_begin_again(tmp_path, reached) -> Non
     assert drive.taken[0] == (0.0 if reached else pytest.approx(7.6, abs=0.1))
     assert all(np.diff(drive.taken) <= 0.0)
     assert json.loads(guard.unsaved(running=True))['there'] is reached
+
+
+@pytest.mark.parametrize('asked_mps', [0.0, 2.0])
+def test_a_speed_node_that_dies_after_a_stop_has_ended_holds_nothing_up(
+    tmp_path, asked_mps
+) -> None:
+    """The roller is still on its way to what the stop asked for; nobody asked for another."""
+    path, drive, mps = tmp_path / 'state', _Slow(), 5.0
+    guard = _guard(SafetyState())
+    guard.interlock.hear(0, Heard('OK', motion=Motion(v_n=6.0)))
+    for k in range(1, 100):
+        if k == 40:  # it died, and is started again
+            path.write_text(guard.unsaved(running=True))
+            guard = _guard(read(path))
+        now_ns = k * 50_000_000
+        block = DriveBlock(np.array([k]), np.array([math.nan]), np.array([mps]))
+        guard.readings.take(now_ns * 1e-9, block)
+        if k == 10:
+            guard.emergency_stop(asked_mps, now_ns)
+        if k == 20:
+            guard.interlock.arm(now_ns, False)
+            assert guard.rearm(now_ns)[1] == ''
+        guard.decide(now_ns, now_ns, there=True)
+        guard.hand_over(drive)
+        mps = max(asked_mps, mps - 0.05) if drive.taken else mps
+    assert guard.command.forced, 'tripped'
+    assert {*drive.taken} == {asked_mps}
