@@ -286,7 +286,7 @@ class Supervisor:
             if code is not None:
                 child.process = None
                 line = f'{name} ended with exit code {code}: {self._last_line(name)}'
-                refused = code in _REFUSED and not child.failures and not lasted
+                refused = code in _REFUSED and not child.failures
                 if (refused or not self._keep) and name in OPTIONAL:
                     del self._children[name]
                     lines.append(f'{line}; {OPTIONAL[name]}')

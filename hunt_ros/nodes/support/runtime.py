@@ -67,7 +67,8 @@ def run(
     Returns
     -------
     int
-        0 after a clean end, 2 for bad parameters or hardware that is not there.
+        0 after a clean end, 2 for bad parameters or hardware that is not there, 1 for what fails
+        later: who started the node starts it again.
     """
     # ROS that finds no place for its log does not start; one that it had may be gone since.
     if AGAIN in os.environ or not {'HOME', 'ROS_LOG_DIR'} & {*os.environ}:
@@ -105,7 +106,7 @@ def run(
         _raise_failures(nodes)
     except (HuntError, InvalidParameterValueException, ParameterException) as error:
         ending.say(' '.join(str(error).split()))
-        return 2
+        return 2 if ending.doing == 'starting' or any(node.failed for node in nodes) else 1
     except ExternalShutdownException:
         pass
     finally:

@@ -1,4 +1,4 @@
-"""Where ROS has no EventsExecutor, as Humble, a node runs without it."""
+"""How a node runs: without an EventsExecutor, as in Humble, and until something fails."""
 
 from __future__ import annotations
 
@@ -12,3 +12,21 @@ def test_a_node_runs_without_an_events_executor(graph, monkeypatch) -> None:
     health = graph.told()
     graph.start('roller_speed', port=graph.port)  # where nobody answers
     graph.spin_until(lambda: health)
+
+
+_FAILS = """
+from hunt_ros.drivers import speed_guard
+from hunt_ros.errors import HuntError
+def values(guard):
+    raise HuntError('it failed')
+speed_guard.SpeedGuard.values = values
+"""
+
+
+def test_a_guard_that_fails_while_it_runs_has_not_refused_to_start(graph, monkeypatch) -> None:
+    """Exit code 2 is that of a start: what started it would let it be."""
+    (graph.folder / 'sitecustomize.py').write_text(_FAILS)
+    monkeypatch.setenv('PYTHONPATH', f'{graph.folder}{os.pathsep}{os.environ["PYTHONPATH"]}')
+    graph.start('roller_speed', port=graph.port)
+    assert graph.wait('roller_speed', 60.0) == 1
+    assert graph.log('roller_speed').read_text().splitlines()[-1] == 'roller_speed: it failed'
