@@ -27,7 +27,7 @@ def test_a_call_is_done_refused_or_finds_nobody(graph, capsys) -> None:
     assert main(['call', 'kick', *wait]) == 0  # the simulator is up: the drive finds it
     graph.start('roller_speed', port=graph.port)
     graph.start('bag_recorder', directory=str(graph.folder))
-    assert main(['call', 'mark', 'bump at joint 3', *wait]) == 0
+    assert main(['call', 'mark', 'bump 🔔 at joint 3', *wait]) == 0
     assert main(['call', 'resume-profile', *wait]) == 1
     assert 'no profile was started' in capsys.readouterr().out
     assert main(['call', 'disarm-interlock', *wait]) == 0
@@ -39,7 +39,7 @@ def test_a_call_is_done_refused_or_finds_nobody(graph, capsys) -> None:
     (bag,) = graph.folder.glob('hunt_*')
     with Bag(bag) as opened:
         texts = [entry.text for entry in read_texts(opened, 'recording/mark')]
-    assert texts == ['bump at joint 3']
+    assert texts == ['bump 🔔 at joint 3']
 
     looking_s = 5.0 * graph.machine.measure()
     assert main(['call', 'mark', '--namespace', 'lab', '--wait', f'{looking_s:.0f}']) == 2

@@ -56,6 +56,16 @@ def test_a_run_with_a_driver_that_is_not_there_starts_nothing(tmp_path, capsys) 
     assert not (tmp_path / 'recordings').exists()
 
 
+def test_words_that_ros_cannot_read_start_nothing(tmp_path, capsys) -> None:
+    """Its parser was given them, and each node was started again for ever."""
+    folder = tmp_path / 'd\udcffr'
+    assert main(['run', '--simulated', '--directory', str(folder)]) == 2
+    assert '\\udcffr/.rig_speed_state.json' in (said := capsys.readouterr().err)
+    assert 'not UTF-8' in said
+    assert main(['call', 'mark', 'b\udcffmp']) == 2
+    assert '\'words:="b\\udcffmp"\': not UTF-8, as ROS wants it' in capsys.readouterr().err
+
+
 def test_a_second_run_of_a_rig_starts_nothing_that_the_first_one_could_see(
     tmp_path, domain, capsys
 ) -> None:

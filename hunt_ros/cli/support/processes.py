@@ -54,8 +54,18 @@ class NodeSpec:
         for path in self.parameter_files:
             words += ['--params-file', str(path)]
         for name, value in self.parameters.items():
-            words += ['-p', f'{name}:={json.dumps(value)}']
-        return words
+            words += ['-p', f'{name}:={json.dumps(value, ensure_ascii=False)}']
+        return [for_ros(word) for word in words]
+
+
+def for_ros(text: str) -> str:
+    """Return a text as it is; raises HuntError where it is none that ROS can read."""
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        part = text[max(0, error.start - 40) : error.end + 40]
+        raise HuntError(f'{part!r}: not UTF-8, as ROS wants it') from error
+    return text
 
 
 def claim_domain(claim: socket.socket) -> int:

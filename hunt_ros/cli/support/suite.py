@@ -7,7 +7,7 @@ import socket
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from hunt_ros.cli.support.processes import NodeSpec
+from hunt_ros.cli.support.processes import NodeSpec, for_ros
 from hunt_ros.cli.support.supervisor import Supervisor
 from hunt_ros.dynamics.profile import Motion, Profile
 from hunt_ros.suite import GUARDS, PAGE, PAGE_PORT, SIMULATOR, SOURCES, SUITE
@@ -116,7 +116,8 @@ def start_nodes(
         f'/**/{name}': {'ros__parameters': {**common, **parameters.get(name, {})}}
         for name in names
     }
-    own = supervisor.in_memory(f'{names[0]}.yaml', json.dumps(sections).encode())
+    text = for_ros(json.dumps(sections, ensure_ascii=False))
+    own = supervisor.in_memory(f'{names[0]}.yaml', text.encode())
     alone = [name for name in names if name in GUARDS] if one_process else names
     for name in alone:
         supervisor.start(NodeSpec(name, {}, [*files, own]))
