@@ -237,6 +237,7 @@ class Scenario:
     def end(self, number: int = signal.SIGINT) -> None:
         """End the suite as a person does."""
         if self.run.poll() is None:
+            self.run.send_signal(signal.SIGCONT)  # one that is stopped hears nothing
             self.run.send_signal(number)
         try:
             self.run.wait(_END_S)

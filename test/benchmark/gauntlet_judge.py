@@ -102,12 +102,13 @@ def judge(seen: Witness, v_n_mps: float, cycle_m: float) -> tuple[dict[str, str]
     if late_s > _MOST_LATE * (end_s - begin_s):
         return {}, f'the machine was late by {late_s:.1f} s of {end_s - begin_s:.1f} s'
     times, _, speeds, _ = rows.T
-    hunts = _hunting(rows, cycle_m)
+    turns = np.abs(speeds) > _TURNS_MPS
+    hunts = turns & _hunting(rows, cycle_m)
     found = {
         'a': _guarded(seen, times, hunts & (speeds > v_n_mps + 0.05), float(speeds[-1]) > v_n_mps),
         'b': _commanded(seen),
         'c': _rates(seen),
-        'd': _called(seen, times, hunts, np.abs(speeds) > _TURNS_MPS),
+        'd': _called(seen, times, hunts, turns),
         'e': _quiet(seen),
         'f': _recorded(seen),
         'g': '' if seen.ended else 'it had to be killed',

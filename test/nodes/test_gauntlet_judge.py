@@ -45,6 +45,18 @@ def _targets(times: list[float], values: list[float]) -> np.ndarray:
 KICK = Deed('kick', '', 10.0)
 ALARM = [(1.5, 'well'), (10.5, 'alarm')]
 UP_AGAIN = _targets([1, 3, 10, 11, 15, 16, 40], [5, 7, 7, 6, 6, 7, 7])
+STANDS = {
+    'truth': np.column_stack(
+        [
+            TIMES,
+            np.where((TIMES > 10) & (TIMES < 20), CYCLE, 1e-5),
+            np.zeros(TIMES.size),
+            np.zeros(TIMES.size),
+        ]
+    ),
+    'set_points': np.zeros((0, 2)),
+    'deeds': [KICK],
+}
 CASES = {
     'well': (_witness(), ''),
     'hunting that is called and over in 2 s': (_witness((10, 12), deeds=[KICK], calls=ALARM), ''),
@@ -54,6 +66,7 @@ CASES = {
         '',
     ),
     'that nobody is told of': (_witness((10, 12.6), deeds=[KICK]), 'd'),
+    'a blow while the roller stands': (_witness(**STANDS), ''),
     'a machine that stood still': (
         _witness((10, 15), deeds=[KICK], calls=ALARM, waits=np.array([[12.0, 3.0]])),
         '',
