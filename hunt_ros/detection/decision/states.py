@@ -174,6 +174,8 @@ def judge(
     changed = hold(memory['hunting'], want, rows_of(rules, wait), stamp_ns)
     if changed:
         memory['cause'] = cause
+        if want in (ESCAPING, LIMIT_CYCLE):  # what fell before has not fallen since
+            ratios['falls'][:] = ratios['fall'] = 0.0
     _follow(rules, memory, changed, a, s)
     undecided = excess > likelihood.DOUBT and not falls and math.isnan(chance)
     return steady and not of_the_form, undecided

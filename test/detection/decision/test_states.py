@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.decision import decisions, states
+from hunt_ros.detection.decision import decisions, likelihood, states
 from hunt_ros.detection.decision.rules import rows_of, rules_of
 from hunt_ros.detection.output import blank_rows
 from hunt_ros.detection.regions import State
@@ -106,6 +106,15 @@ def test_the_limit_cycle_is_reached_kept_and_left() -> None:
     assert machine.feed(0.9 * CYCLE, 1.0, CYCLE_ROWS + 2) is State.LIMIT_CYCLE
     assert machine.feed(0.75 * CYCLE, 1.0, 500) is State.LIMIT_CYCLE  # slower: a smaller cycle
     assert machine.feed(0.5 * CYCLE, 1.0, falls=RULES.evidence) is State.DECAYING
+
+
+def test_what_fell_before_it_hunted_ends_no_hunting() -> None:
+    machine = Machine()
+    machine.memory['ratios']['falls'] = np.exp(RULES.evidence)
+    assert machine.feed(0.6 * CYCLE, 1.0, ESCAPE + 2) is State.ESCAPING
+    ratios = machine.memory['ratios'][0]
+    likelihood._sum_up(RULES, ratios)
+    assert machine.feed(0.6 * CYCLE, 1.0, falls=ratios['fall']) is State.ESCAPING
 
 
 @settings(deadline=None, max_examples=40)
