@@ -22,6 +22,7 @@ from hunt_ros.dynamics.profile import Hold, Profile, Sweep
 from hunt_ros.errors import ConfigError, IdentificationError
 from hunt_ros.identification.foresight import AMPLITUDE, BELOW, ESCAPED, TIME, Foresight, Move
 from hunt_ros.identification.posterior import Posterior
+from hunt_ros.identification.record.events import ONE_SPEED
 from hunt_ros.identification.result import Identification
 from hunt_ros.samples import as_json, key
 from hunt_ros.settings import Settings, setting
@@ -255,10 +256,10 @@ def _first_sweep(
         + (f' ({said})' if said else '')
     )
     rest = known.bracket.v_c
-    if rest is not None and ceiling <= rest:
+    if rest is not None and ceiling <= (1.0 + ONE_SPEED) * rest:
         reason = (
             f'rest was seen up to {rest:.3g} m/s already: a sweep to {ceiling:.3g} m/s shows the'
-            ' damping below, not where hunting begins'
+            ' damping below, not where hunting begins; speed_ceiling_mps lets it go further'
         )
     return Plan(profile, reason, profile.duration_s, profile.duration_s)
 

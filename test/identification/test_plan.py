@@ -11,6 +11,7 @@ import pytest
 from hunt_ros.dynamics.profile import Hold, Profile
 from hunt_ros.errors import ConfigError, IdentificationError
 from hunt_ros.identification import plan as planning
+from hunt_ros.identification.bracket import Bracket
 from hunt_ros.identification.foresight import ESCAPED, TIME, Foresight, Move
 from hunt_ros.identification.plan import PlanSettings, plan
 
@@ -99,6 +100,12 @@ def test_without_v_n_it_begins_with_a_sweep_and_says_why(known):
     assert 'nothing hunted' in found.reason
     found.profile.check(9.0)
     assert found.duration_s <= 125.0
+
+
+def test_a_sweep_to_a_speed_of_rest_promises_no_hunting(known):
+    """Rest seen at 7.2 m/s, known to half a per cent; no ceiling given: nothing is above it."""
+    rested = replace(known, v_c=None, speeds=(7.1, 7.2), bracket=Bracket(v_c=7.164))
+    assert 'not where hunting begins' in plan(rested, PlanSettings(budget_s=60.0)).reason
 
 
 @pytest.fixture(scope='module')
