@@ -330,7 +330,7 @@ def _named(table: Table, given: Mapping[str, ChannelSource]) -> dict[str, Channe
             if keys[name] in (channel, *(f'{channel}_{unit}' for unit in units))
             if (unit := _told_unit(table, channel, name)) in ('', *units)
         }
-        if not known and given:
+        if not known and given and channel not in map(keys.get, names):
             continue  # a further column with a name like it, as speed_setpoint
         if not known:
             expected = ', '.join(f'{channel}_{unit}' for unit in units)

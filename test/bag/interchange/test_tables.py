@@ -217,6 +217,7 @@ def test_equal_stamps_get_rows_of_their_own() -> None:
         ('a.csv', 't,y\n0,1\n1,2\n', ['speed=3'], 'no channel has more'),
         ('a.csv', 't,y\n0,1\n1,2\n', ['speed=y[1]'], 'no channel has more'),
         ('a.csv', 't,lateral\n[s],[furlong]\n0,1\n1,2\n', [], 'unknown unit of lateral'),
+        ('a.csv', 't,lateral [in]\n0,1\n1,2\n', ['speed=3'], 'unknown unit of lateral'),
         (
             'a.csv',
             't,lateral_m\n[s],[mm]\n0,1\n1,2\n',
