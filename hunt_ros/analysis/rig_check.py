@@ -276,7 +276,8 @@ def _roller(record: Record, rig: Rig) -> Iterator[Finding]:
     turned = float(np.sum((steps + math.pi) % (2.0 * math.pi) - math.pi))
     span = float(np.sum(times))
     rate = turned / span
-    running = float(np.mean(np.abs(speeds))) if speeds.size else 0.0
+    # Both as they add up: what ran forwards and back has turned forwards and back.
+    running = abs(float(np.mean(speeds))) if speeds.size else 0.0
     if abs(rate) < 0.1:
         state, text, advice = UNKNOWN, 'the roller does not turn', 'let it turn, and look again'
         if running > _TURNING_MPS:

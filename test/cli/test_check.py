@@ -182,6 +182,13 @@ def test_what_turned_in_a_gap_does_not_change_the_diameter(check) -> None:
     assert found['diameter', 'roller']['value'] == pytest.approx(DIAMETER_M, rel=1e-3)
 
 
+def test_a_run_that_reverses_does_not_change_the_diameter(check) -> None:
+    way = np.where(np.arange(1000) < 700, 1.0, -1.0)
+    angle = np.cumsum(way) * 2.0 * 7.0 / DIAMETER_M * 0.01
+    _, found = check(changed(_sound(), speed=7.0 * way, roller=angle))
+    assert found['diameter', 'roller']['value'] == pytest.approx(DIAMETER_M, rel=1e-2)
+
+
 def test_a_person_reads_a_line_a_check(check, tmp_path, capsys) -> None:
     check(_sound())
     assert main(['check', str(tmp_path / 'bag')]) == 0
