@@ -39,8 +39,10 @@ _SAMPLES, _MOMENT_S = 3, 0.5
 #: The rate is a difference over so long, s: 7 mm/s of noise where the sensor has 0.1 mm, and 6 %
 #: too little at 10 Hz.
 _DIFFERENCE_S = 0.02
-#: A roller that is slower than this, m/s, is at rest: a wave of hunting would take a minute.
-_AT_REST_MPS = 0.05
+#: A roller that is slower than this, m/s, is at rest: a wave of hunting would take a minute. So
+#: much its drive may show where it stands; an encoder that has moved by more, m, says that it
+#: creeps: ten counts of one of 1000 on a roller of 0.3 m.
+_AT_REST_MPS, _CREEPS_M = 0.05, 0.01
 
 
 class _Reading(NamedTuple):
@@ -99,7 +101,10 @@ class RollerReadings:
 
     def at_rest(self) -> bool:
         """Return True if all of the last readings are those of a roller that stands."""
-        return abs(self.lowest_mps()) <= _AT_REST_MPS and self.slower(_AT_REST_MPS, -math.inf)
+        kept = list(self._kept)  # the drive's thread goes on
+        crept_m = self._radius_m * abs(kept[-1].angle_rad - kept[0].angle_rad) if kept else 0.0
+        slow = abs(self.lowest_mps()) <= _AT_REST_MPS and self.slower(_AT_REST_MPS, -math.inf)
+        return slow and not crept_m > _CREEPS_M
 
     def lowest_mps(self) -> float:
         """Return the lowest of the last readings, m/s; 0 where there is none."""

@@ -174,6 +174,19 @@ def test_a_roller_that_stands_and_is_to_is_parked(speed, target, state) -> None:
     assert guard.values()['operating_state'] == state
 
 
+@pytest.mark.parametrize(('mps', 'state'), [(0.0, 'parked'), (0.03, 'protect')])
+def test_a_roller_that_creeps_is_not_parked(mps, state) -> None:
+    """A set point of before may be in the drive: this guard has sent none."""
+    guard = SpeedGuard(DriveLimits(), InterlockSettings(), 0.3, SafetyState())
+    jitter = np.random.default_rng(1).normal(0.0, 1e-3, 100)  # a count of the encoder or so
+    for k in range(100):
+        now_s = 0.02 * k
+        angle = np.array([mps * now_s / 0.15 + jitter[k]])
+        guard.readings.take(now_s, DriveBlock(np.array([k]), angle, np.array([mps])))
+    guard.watch(round(2e9), round(2e9))
+    assert guard.values()['operating_state'] == state
+
+
 def test_who_disarms_a_measurement_is_called_for_hunting_again() -> None:
     settings = InterlockSettings(interlock='measure')
     guard = SpeedGuard(DriveLimits(), settings, 0.0, SafetyState())
