@@ -42,6 +42,10 @@ _DIES, _STATUSES = 0.7, 40
 #: What is larger than so many quiet motions is none, though a detector that cannot trust its
 #: inputs does not say what it is; and what was seen to move moves until it is no larger.
 _QUIET = 3.0
+#: What is as large as the smallest limit cycle of the form, and not decided for so many of its
+#: periods, trips as hunting does. A kick that dies is known for one after 3.7 at most; a limit
+#: cycle that was there at the start, or comes in the first seconds, only after 6 to 20.
+_UNDECIDED = 4.0
 #: The set point leads the roller by so much on its way down from a refuted safe speed, m/s.
 _LEAD_MPS = 0.5
 
@@ -127,6 +131,10 @@ class Heard:
         It hunts or escapes, as far as is known: also where the level is STALE.
     quiet_m : float
         Amplitude of the quiet motion; NaN: not known.
+    undecided : bool
+        It cannot say yet whether the motion is more than noise.
+    frequency_hz : float
+        Of the motion; NaN: not known.
     """
 
     level: str = 'STALE'
@@ -138,6 +146,8 @@ class Heard:
     alarm: bool = False
     hunts: bool = False
     quiet_m: float = math.nan
+    undecided: bool = False
+    frequency_hz: float = math.nan
 
     @property
     def largest_m(self) -> float:
@@ -229,6 +239,8 @@ class Interlock:
         self._ill_ns = -1  # for how long it was not, since all was well first; -1: it never was
         self._judged_ns = self._held_up_ns = 0  # the last look; lateness of looks since it heard
         self.moving = False
+        #: When it was known what the motion is, or that it is small; or the first status.
+        self._decided_ns = 0
         self._amplitudes: deque[float] = deque(maxlen=_STATUSES)
         self._told = False  # that the motion goes on at the safe speed
         self.goal_mps = math.inf
@@ -247,6 +259,7 @@ class Interlock:
                 self._late_s = max(0.0, kept + behind_s)
         if self._heard_ns is None or heard.sequence != self.heard.sequence:
             self._moved_ns = now_ns
+        self._decided_ns = self._decided_ns or now_ns
         # At another speed the quiet motion has to be learnt anew: until then it is that of before,
         # and none that is learnt while it moves is larger.
         before_m = self.heard.quiet_m
@@ -254,6 +267,8 @@ class Interlock:
             heard = replace(heard, quiet_m=before_m)
         self.heard, self._heard_ns, self._held_up_ns = heard, now_ns, 0
         amplitude_m = heard.largest_m
+        if not (heard.undecided and amplitude_m > heard.motion.fold_amplitude_m):
+            self._decided_ns = now_ns
         if not math.isnan(amplitude_m):
             self._amplitudes.append(amplitude_m)
 
@@ -307,6 +322,11 @@ class Interlock:
             yield Trouble('amplitude', f'amplitude {1e3 * amplitude_m:.3f} mm {above}', now_ns)
         if heard.level == 'ERROR' or heard.hunts:
             yield Trouble('hunting', f'the detector says {heard.level}: {heard.words}', now_ns)
+        undecided_s = ((self._heard_ns or 0) - self._decided_ns) / NANOSECONDS
+        if undecided_s * heard.frequency_hz > _UNDECIDED:
+            size = f'{1e3 * amplitude_m:.3f} mm, as much as a limit cycle,'
+            words = f'not known for {undecided_s:.1f} s whether {size} is hunting'
+            yield Trouble('hunting', words, self._decided_ns)
 
     def _silence(self, now_ns: int) -> str:
         """Return how the detector is not to be heard; '' where it is."""

@@ -97,6 +97,8 @@ class Loop:
                 words,
                 status.number('envelope_m'),
                 seen,
+                undecided=bool(status.values['undecided']),
+                frequency_hz=status.number('frequency_hz'),
             ),
         )
         return self.interlock.trouble(self.now_ns).words

@@ -125,6 +125,27 @@ def _goal(watched: Watched, seconds: float, speed: float, **what) -> float:
     return watched.interlock.goal_mps
 
 
+@pytest.mark.parametrize('mode', ['protect', 'measure'])
+def test_what_is_as_large_as_a_limit_cycle_is_not_undecided_for_long(mode) -> None:
+    watched = Watched(mode)
+
+    def run(seconds: float, amplitude_m: float = 6e-4, undecided: bool = True) -> str:
+        seen = {'amplitude_m': amplitude_m, 'fold_amplitude_m': 5e-4}
+        heard = {'undecided': undecided, 'frequency_hz': 2.8}
+        return watched.run(seconds, 'WARN', heard=heard, **seen)
+
+    assert run(1.4) == run(0.05, undecided=False) == run(1.4) == run(20.0, 4e-4) == ''
+    assert watched.run(20.0, 'WARN', heard={'undecided': True}, amplitude_m=6e-4) == '', 'no fold'
+    run(1.4)
+    assert run(0.1) == ('interlock_tripped' if mode == 'protect' else '')
+    if mode == 'protect':
+        assert watched.interlock.code == 'hunting'
+        assert (
+            'not known for 1.4 s whether 0.600 mm, as much as a limit cycle,'
+            in watched.interlock.cause
+        )
+
+
 def test_hunting_at_a_speed_that_the_form_calls_safe_refutes_it_and_goes_to_a_stop() -> None:
     """The form of another wheel profile: v_n 9.6 where the wheelset hunts at 8.6."""
     watched = Watched()

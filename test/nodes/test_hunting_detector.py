@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -17,8 +18,10 @@ from std_msgs.msg import String
 
 from hunt_ros.cli.main import main
 from hunt_ros.detection import Companions
+from hunt_ros.drivers.interlock import Interlock, InterlockSettings
 from hunt_ros.nodes.hunting_detector import HuntingDetectorNode
-from hunt_ros.nodes.support.qos import latched
+from hunt_ros.nodes.support.conversions import heard_of
+from hunt_ros.nodes.support.qos import STATUS, latched
 
 
 def test_an_alarm_lasts_while_settings_change_and_is_acknowledged(
@@ -148,3 +151,22 @@ def test_it_does_not_begin_with_the_form_of_another_rig_nor_take_it_over(graph) 
     assert statuses.last.get('v_n_mps', 'nan') in ('nan', '')
     publisher.publish(String(data=forms['B']))
     graph.spin_until(lambda: statuses.last.get('v_n_mps', 'nan').startswith('6.4'))
+
+
+def test_a_guard_does_not_wait_for_a_detector_that_starts_beside_a_limit_cycle(graph) -> None:
+    """Its form calls the speed safe, and it has not seen the quiet motion."""
+    path = graph.folder / 'form.yaml'
+    path.write_text(PAPER.to_yaml().replace('v_c: 8.0', 'v_c: 12.0'))
+    Wheelset(graph, 6.6e-4)
+    guard, causes = Interlock(InterlockSettings(status_timeout_s=60.0)), []
+    guard.drive('')
+
+    def hear(message: DiagnosticArray) -> None:
+        guard.hear(time.monotonic_ns(), heard_of(message))
+        change = guard.judge(time.monotonic_ns())
+        causes.extend([change.cause] if change else [])
+
+    graph.node.create_subscription(DiagnosticArray, 'hunting/status', hear, STATUS)
+    graph.start('hunting_detector', path)
+    graph.spin_until(lambda: causes, 60.0)
+    assert causes[0].startswith('not known for ')

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hunt_ros.detection import health
+from hunt_ros.detection import doubts, health
 from hunt_ros.detection.door import Door
 from hunt_ros.detection.output import PUBLIC, blank_rows, seconds_text
 from hunt_ros.detection.regions import Level, Region, State
@@ -128,6 +128,8 @@ def status_of(
         'region': region.label,
         'alarm': alarm,
         'causes': ' '.join(dict.fromkeys(causes)),
+        # What cannot be told from a line of the roller is a doubt of another kind.
+        'undecided': int(row['doubts']) & (doubts.SETTLING | doubts.ON_LINE) == doubts.SETTLING,
         'sequence': sequence,
         'inputs_until_ns': until_ns,
         'since_s': seconds_text(transitions.level_since_ns),

@@ -224,4 +224,6 @@ def heard_of(message: DiagnosticArray) -> Heard:
         said.get('alarm') == 'True',
         said.get('state') in ('escaping', 'limit_cycle'),
         number_of(said, 'noise_floor_m'),
+        said.get('undecided') == 'True',
+        number_of(said, 'frequency_hz'),
     )
