@@ -24,7 +24,7 @@ _SPACING_S, _KEPT_S = 0.02, 3.0
 _NEAR_MPS, _NEAR = 0.5, 0.05
 #: Away from it, it has to come nearer by this, m/s, in each of these, s: a tenth of the slowest
 #: acceleration at which a drive is driven (0.4 m/s2); and one that does not for so long, s, does
-#: not follow.
+#: not follow; half as long where it is too fast and still rises: no dead time makes that.
 _COMES_MPS, _HALF_S, _FOLLOWS_S = 0.02, 0.5, 2.0
 #: Above the ceiling by so much, share and m/s, is no noise of the reading; in so many readings.
 _ABOVE, _ABOVE_MPS, _READINGS = 0.02, 0.1, 3
@@ -151,13 +151,15 @@ class RollerReadings:
         self, now_s: float, kept: list[_Reading], recent: list[_Reading], target_mps: float
     ) -> bool:
         """Return False if the roller has been away from its set point, and came no nearer."""
-        before = [e.speed_mps for e in kept if _HALF_S < now_s - e.at_s <= 2.0 * _HALF_S]
+        earlier = [e.speed_mps for e in kept if _HALF_S < now_s - e.at_s <= 2.0 * _HALF_S]
+        before = float(np.mean(earlier)) if earlier else math.inf
         speed = float(np.mean([each.speed_mps for each in recent]))
         away = abs(speed - target_mps)
-        nearer = abs(float(np.mean(before)) - target_mps) - away if before else math.inf
+        nearer = abs(before - target_mps) - away
         if not away > max(_NEAR_MPS, _NEAR * target_mps) or nearer > _COMES_MPS:
             self._followed_s = now_s
-        return now_s - self._followed_s < _FOLLOWS_S
+        runs_away = speed > target_mps and speed - before > _COMES_MPS
+        return now_s - self._followed_s < _FOLLOWS_S * (0.5 if runs_away else 1.0)
 
     def _apart(self, kept: list[_Reading]) -> tuple[float, float] | None:
         """Return speeds of drive and encoder, m/s, where they contradict each other."""

@@ -78,6 +78,12 @@ def test_a_drive_that_ignores_its_set_points_is_found_at_rest_and_at_speed() -> 
     assert _ride(lambda t: 8.0, lambda t: 8.0 - 0.3 * t, 10.0)
 
 
+def test_a_roller_that_runs_away_is_found_in_half_the_time() -> None:
+    """Its drive takes 8 m/s for 10.4: each second makes the way down longer."""
+    said = _ride(lambda t: 8.0, lambda t: min(10.4, max(8.0, 6.0 + t)), 6.0, noise=0.02)
+    assert 3.5 < min(said.values()) < 4.0, 'it is 0.5 m/s away at 2.5 s'
+
+
 def test_the_ceiling_holds_for_what_is_measured() -> None:
     said = _ride(lambda t: math.nan, lambda t: 8.0 if t < 1.0 else 9.0, 3.0, ceiling=8.5)
     assert min(said.values()) < 1.3
