@@ -161,9 +161,11 @@ class RollerCommand:
         why = 'emergency stop is in force' if self.stopped else 'the interlock has tripped'
         return f'{why}: call speed/rearm first' if self.forced else ''
 
-    def emergency_stop(self, speed_mps: float, measured_mps: float) -> float:
+    def trip(self, speed_mps: float, measured_mps: float, stop: bool = False) -> float:
         """
-        Hold a set point until `rearm`, at once, and return it.
+        Go to a set point at the safe deceleration, and hold it until `rearm`; return it.
+
+        Of two the lower one holds, and a stop stays a stop.
 
         Parameters
         ----------
@@ -171,17 +173,10 @@ class RollerCommand:
             m/s; where the roller is known to be slower, it is not sped up to this.
         measured_mps : float
             What the roller runs at, m/s; NaN where it is not known.
+        stop : bool
+            An emergency stop: at once.
         """
-        self.stopped = True
-        return self.trip(speed_mps, measured_mps)
-
-    def trip(self, speed_mps: float, measured_mps: float) -> float:
-        """
-        Go to a safe speed at the safe deceleration, and hold it until `rearm`; return it.
-
-        The parameters are those of `emergency_stop`. Of two the lower one holds, and a stop stays
-        a stop.
-        """
+        self.stopped |= stop
         self.stop()
         known = [speed for speed in (measured_mps, self._last) if not math.isnan(speed)]
         self._begin_mps = min(known, default=math.inf)

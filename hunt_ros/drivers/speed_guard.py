@@ -111,7 +111,7 @@ class SpeedGuard:
         goal = state.goal_mps
         begin = goal if state.there else math.nan
         if state.emergency_stop:
-            self.command.emergency_stop(goal, begin)
+            self.command.trip(goal, begin, stop=True)
         if state.running and not state.trip:
             damaged = damaged or 'the speed node ended without being asked'
         if state.trip or damaged:
@@ -291,7 +291,7 @@ class SpeedGuard:
         with self.deciding:
             before = self.readings.lowest_mps()
             speed_mps = min(speed_mps, self.interlock.safe_speed_mps())
-            set_point = self._by_a_person().emergency_stop(speed_mps, self.measured_mps)
+            set_point = self._by_a_person().trip(speed_mps, self.measured_mps, stop=True)
             self.remember('emergency_stop', 'asked for', who)
             slowed_mps = max(set_point + _SLOWED_MPS, before - _SLOWED_MPS)
             return self.post(set_point, now_ns), slowed_mps

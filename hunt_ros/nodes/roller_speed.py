@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -173,7 +172,6 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         # Of its own thread: it waits for the encoder, and works where the executor hangs.
         stop = {'speed/emergency_stop': self._emergency_stop}
         self._stopper = answer_aside(self, self._diagnostics.failed, stop)
-        self._to_keep: deque[str] = deque(maxlen=1)
         self._keeper = Worker(self._diagnostics.failed, 'safety state', self._keep)
         interlock = self._guard.interlock
         if interlock.state != 'armed':
@@ -184,8 +182,6 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         """Let go of the drive; an end that was asked for is no failure."""
         super().close()
         self._stopper.close(0.0)
-        if text := self._guard.unsaved(running=False):  # else what waits is the newest
-            self._to_keep.append(text)
         self._keeper.stop()
 
     def _kept(self) -> tuple[SafetyState, str]:
@@ -202,7 +198,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         path, text, written = Path(self._config.state_file), '', ''
         while True:
             last = stopping.wait(_KEPT_S)
-            text = self._to_keep.pop() if self._to_keep else text
+            text = self._guard.unsaved(running=not last) or text
             if text and self._config.state_file and not (text == written and path.exists()):
                 try:
                     path.parent.mkdir(parents=True, exist_ok=True)
@@ -284,8 +280,6 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         for _, stamps_ns, values, _ in self._lateral.take():
             samples = list(zip(stamps_ns.tolist(), values.tolist(), strict=True))
             self._guard.displacement.take(now_s, samples)
-        if text := self._guard.unsaved(running=True):
-            self._to_keep.append(text)
         change = None if self._left else self._guard.watch(self._steady_ns(), self._profile_ns())
         if change is not None:
             goal_mps = self._guard.command.forced_mps
@@ -353,11 +347,9 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
     def _send_next(self) -> None:
         """Post the set point that holds now, if there is one and a drive to take it."""
         self._guard.decide(self._steady_ns(), self._profile_ns(), not self._connecting)
-        note = self._guard.command.note
-        if note != self._note:
-            self._note = note
-            if note:
-                self.get_logger().info(f'profile: {note}')
+        before, self._note = self._note, self._guard.command.note
+        if self._note not in ('', before):
+            self.get_logger().info(f'profile: {self._note}')
 
     def _emergency_stop(self) -> str:
         """

@@ -69,20 +69,20 @@ def test_an_emergency_stop_is_not_ramped_and_never_speeds_the_roller_up() -> Non
     command = _command(Hold(8.0, 10.0))
     command.start()
     _next(command, 0.1, 8.0)
-    assert command.emergency_stop(0.0, 8.0) == 0.0
+    assert command.trip(0.0, 8.0, stop=True) == 0.0
     assert _next(command, 0.0) == 0.0
     assert 'rearm' in command.start()
     assert 'rearm' in command.resume()
     command = _command()
-    assert command.emergency_stop(2.0, 0.5) == 0.5
-    assert _command().emergency_stop(2.0, math.nan) == 2.0
+    assert command.trip(2.0, 0.5, stop=True) == 0.5
+    assert _command().trip(2.0, math.nan, stop=True) == 2.0
 
 
 def test_after_a_rearm_nothing_moves_by_itself() -> None:
     command = _command()
     command.start()
     _next(command, 0.5)
-    command.emergency_stop(0.0, 0.5)
+    command.trip(0.0, 0.5, stop=True)
     command.rearm()
     assert {_next(command, 0.5, 0.5) for _ in range(5)} == {0.0}
 
@@ -183,7 +183,7 @@ def test_a_trip_slows_down_at_its_own_rate_and_never_up_and_a_stop_stands_above_
     assert not command.stopped
     assert 'rearm' in command.start()
     assert command.trip(6.0, 5.0) == 5.0, 'a second trip does not speed it up'
-    assert command.emergency_stop(0.0, 5.0) == 0.0
+    assert command.trip(0.0, 5.0, stop=True) == 0.0
     assert command.trip(4.0, 5.0) == 0.0
     assert command.stopped
     assert _ride(command, 0.1)[0] == 0.0
