@@ -16,7 +16,8 @@ from pathlib import Path
 from hunt_ros.drivers.alarms import Shelved
 from hunt_ros.errors import ConfigError
 
-_MOST_LINES = 200
+#: The history has no more lines.
+MOST_LINES = 200
 
 
 @dataclass(frozen=True)
@@ -51,10 +52,6 @@ class SafetyState:
     running: bool = False
     shelved: tuple[Shelved, ...] = ()
     history: tuple[dict[str, str], ...] = ()
-
-    def noted(self, **line: str) -> tuple[dict[str, str], ...]:
-        """Return the history with one line more."""
-        return (*self.history[1 - _MOST_LINES :], line)
 
     def to_json(self) -> str:
         """Return it as the text of the file."""

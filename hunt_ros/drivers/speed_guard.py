@@ -22,7 +22,7 @@ from hunt_ros.drivers.base import DriveDriver
 from hunt_ros.drivers.command import DriveLimits, RollerCommand
 from hunt_ros.drivers.interlock import Change, Heard, Interlock, InterlockSettings
 from hunt_ros.drivers.readings import Displacement, RollerReadings
-from hunt_ros.drivers.safety_state import SafetyState
+from hunt_ros.drivers.safety_state import MOST_LINES, SafetyState
 from hunt_ros.errors import one_line
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.suite import Awaited
@@ -220,7 +220,8 @@ class SpeedGuard:
         if busy and not self.command.forced:
             return None
         if self.autostart:
-            self.waits = self._begin(steady_ns)
+            motion, against = self.interlock.motion(steady_ns), self.interlock.refusal(steady_ns)
+            self.waits = self.command.start(motion, against)
             self.autostart = bool(self.waits)
         return self.command.next(passed_s, self.measured_mps, self.interlock.motion(steady_ns))
 
@@ -246,27 +247,18 @@ class SpeedGuard:
         self.answered = number
         return None if self.refusal else speed_mps
 
-    def _begin(self, now_ns: int) -> str:
-        return self.command.start(self.interlock.motion(now_ns), self.interlock.refusal(now_ns))
-
     def _by_a_person(self) -> RollerCommand:
         """Return the command; from now on nothing starts by itself."""
         self.autostart, self.waits = False, ''
         return self.command
 
-    def start(self, now_ns: int, who: str = '') -> str:
-        """Start the profile; return '' or why not."""
+    def start(self, now_ns: int, who: str = '', resume: bool = False) -> str:
+        """Start the profile, or go on with it; return '' or why not."""
         with self.deciding:
-            self._by_a_person()
-            refusal = self._begin(now_ns)
-            self.remember('start_profile', refusal, who)
-            return refusal
-
-    def resume(self, now_ns: int, who: str = '') -> str:
-        """Go on with the profile; return '' or why not."""
-        with self.deciding:
-            refusal = self.command.resume(self.interlock.refusal(now_ns))
-            self.remember('resume_profile', refusal, who)
+            command, against = self._by_a_person(), self.interlock.refusal(now_ns)
+            motion = self.interlock.motion(now_ns)
+            refusal = command.resume(against) if resume else command.start(motion, against)
+            self.remember('resume_profile' if resume else 'start_profile', refusal, who)
             return refusal
 
     def stop(self, who: str = '') -> str:
@@ -354,7 +346,8 @@ class SpeedGuard:
     def remember(self, what: str, why: str, who: str = '', **kept: Any) -> None:
         """Note what happened; `kept` are fields of the state that change with it."""
         at = datetime.now(timezone.utc).isoformat(timespec='milliseconds')
-        history = self._kept.noted(at=at, what=what, why=why, who=who)
+        line = {'at': at, 'what': what, 'why': why, 'who': who}
+        history = (*self._kept.history[1 - MOST_LINES :], line)
         self._kept = replace(self._kept, history=history, **kept)
 
     def unsaved(self, running: bool) -> str:

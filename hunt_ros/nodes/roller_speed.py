@@ -104,7 +104,9 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         super().__init__('roller_speed')
         self._config = declare(self, SpeedConfig, self._reconfigure, self._check)
         self._use_driver(self._config.driver, 'Drive', self._config.roller_diameter_m)
-        limits = declare(self, DriveLimits, self._reconfigure_limits, self._check)
+        limits = declare(
+            self, DriveLimits, lambda new: setattr(self._guard.command, 'limits', new), self._check
+        )
         settings = declare(self, InterlockSettings, self._reconfigure_interlock, self._check)
         # The machine's clock may be set while the roller turns: only a simulated rig, whose
         # time is that of /clock, is driven by another clock than the steady one.
@@ -160,7 +162,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             'rearm': self._rearm,
             'stop-profile': lambda said: guard.stop(said.who),
             'start-profile': lambda said: _done(guard.start(now(), said.who)),
-            'resume-profile': lambda said: _done(guard.resume(now(), said.who)),
+            'resume-profile': lambda said: _done(guard.start(now(), said.who, resume=True)),
             'shelve-alarm': lambda said: guard.shelve(said.words, said.who),
         }
         for word, act in asked.items():
@@ -233,9 +235,6 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         text, profile = self._parsed
         if profile is not None and config.profile == text != before.profile:
             self._guard.command.load(profile)
-
-    def _reconfigure_limits(self, limits: DriveLimits) -> None:
-        self._guard.command.limits = limits
 
     def _reconfigure_interlock(self, settings: InterlockSettings) -> None:
         self._tell(self._guard.reconfigure(self._steady_ns(), settings))

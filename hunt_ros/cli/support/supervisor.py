@@ -287,12 +287,12 @@ class Supervisor:
                 child.process = None
                 line = f'{name} ended with exit code {code}: {self._last_line(name)}'
                 refused = code in _REFUSED and not child.failures
-                if (refused or not self._keep) and name in OPTIONAL:
+                if refused or not self._keep:
+                    if name not in OPTIONAL:
+                        raise HuntError(line)
                     del self._children[name]
                     lines.append(f'{line}; {OPTIONAL[name]}')
                     continue
-                if refused or not self._keep:
-                    raise HuntError(line)
                 child.put_off()
                 lines.append(f'{line}; it is started again')
                 if name == ALARM_OUTPUTS:
