@@ -7,7 +7,8 @@ Each scenario has a number, and is the same one again under that number, but for
 makes of it: `--first N --scenarios 1`. The rig is a process of its own (`gauntlet_rig`), the
 observer is `gauntlet_judge`. All of it runs in a network namespace of its own, in real time: the
 guards count on the steady clock. A scenario in which the machine let the suite wait for too long
-is not judged, and counted. No clock is set here: that needs another machine.
+is not judged, and counted. In one of eight, where there is a C compiler, the clock of the machine
+is set: for the suite (`set_clock.c`), and for what the rig stamps.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import random
 import shutil
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
@@ -28,6 +30,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +71,16 @@ RIG = """
 """
 
 
+@cache
+def _clock_setter() -> str:
+    """Return the library that sets a clock; '' where it cannot be made."""
+    made = Path(tempfile.mkdtemp(prefix='gauntlet_clock_')) / 'set_clock.so'
+    words = ['cc', '-shared', '-fPIC', '-o', str(made), str(ROOT / 'test/benchmark/set_clock.c')]
+    with suppress(OSError):
+        subprocess.run([*words, '-ldl'], check=False)
+    return str(made) if made.exists() else ''
+
+
 class Scenario:
     """One run of the suite, what happens to it, and what was seen."""
 
@@ -89,6 +102,12 @@ class Scenario:
         self.faults = [] if faultless else self.random.choices(FAULTS, k=self.random.randint(1, 3))
         if self.full and self.faults:
             self.faults[0] = _fill
+        # Drawn beside the rest, which is the same with and without it.
+        drawn = random.Random(f'clock {number}').random() < 0.125
+        self.clock = folder / 'clock' if drawn and self.faults and _clock_setter() else None
+        if self.clock:
+            self.faults.append(_set_clock)
+            self.clock.write_bytes(bytes(8))
         self.form = self.random.choice(list(FORMS)) if self._drawn(0.25, faultless) else 'right'
         self.one_process = self.random.random() < 0.2
         self.recordings = folder / 'recordings'
@@ -111,7 +130,9 @@ class Scenario:
 
     def _write(self, patience_s: float) -> None:
         command, profile = self.folder / 'call.sh', self.folder / 'profile.yaml'
-        command.write_text(f'#!/bin/sh\necho "$(date +%s.%N) $1 $2" >> {self.folder}/calls\n')
+        command.write_text(
+            f'#!/bin/sh\necho "$(LD_PRELOAD= date +%s.%N) $1 $2" >> {self.folder}/calls\n'
+        )
         command.chmod(0o755)
         hold = f'{{speed_mps: {self.top_mps:.3f}, duration_s: 100000, rate_mps2: 1.0}}'
         profile.write_text(f'profile:\n- hold: {hold}\n')
@@ -145,18 +166,18 @@ class Scenario:
             words += ['--normal-form', str(self.folder / 'form.yaml')]
         words += ['--one-process'] * self.one_process
         self.keyboard = -1
+        environment = dict(os.environ)
+        if self.clock:
+            environment |= {'LD_PRELOAD': _clock_setter(), 'CLOCK_FILE': str(self.clock)}
+        begin = partial(subprocess.Popen, words, env=environment, start_new_session=True)
         out = (self.folder / 'screen').open('ab')
         if self.random.random() < 0.3:
             self.keyboard, terminal = pty.openpty()
-            self.run = subprocess.Popen(
-                words, stdin=terminal, stdout=terminal, stderr=out, start_new_session=True
-            )
+            self.run = begin(stdin=terminal, stdout=terminal, stderr=out)
             os.close(terminal)
             threading.Thread(target=self._drain, args=(self.keyboard,), daemon=True).start()
         else:
-            self.run = subprocess.Popen(
-                words, stdin=subprocess.DEVNULL, stdout=out, stderr=out, start_new_session=True
-            )
+            self.run = begin(stdin=subprocess.DEVNULL, stdout=out, stderr=out)
 
     def _drain(self, keyboard: int) -> None:
         with suppress(OSError):
@@ -355,7 +376,7 @@ def _note_kill(scene: Scenario, name: str, how: str, lasts_s: float) -> None:
     scene.note(f'{name} {how}', '', lasts_s, blind=name in _BLIND, drive=name == 'roller_speed')
     if name in ('roller_speed', 'hunt run'):
         scene.stops.append(time.time())
-    if name in ('bag_recorder', 'suite') and not scene.full:
+    if name in ('bag_recorder', 'suite') and not (scene.full or scene.clock):
         scene.kills.append(time.time())
 
 
@@ -400,6 +421,17 @@ def _move(scene: Scenario, operator: Operator) -> None:
     """Tidy up: the folder of the recordings gets another name."""
     scene.note('folder moved', '')
     scene.recordings.rename(scene.folder / f'tidied_{len(scene.deeds)}')
+
+
+def _set_clock(scene: Scenario, operator: Operator) -> None:
+    """Set the clock of the machine, by up to an hour."""
+    size_s = 10.0 ** scene.random.uniform(-0.5, 3.5)
+    step_s = round(scene.random.choice((-1.0, 1.0)) * size_s, 1)
+    scene.note('clock set', f'{step_s:+.1f} s')
+    assert scene.clock is not None
+    with scene.clock.open('r+b') as file:  # it is in the memory of the suite
+        file.write(struct.pack('q', round(1e9 * step_s)))
+    scene.tell('clock', step_s)
 
 
 def _again(scene: Scenario, operator: Operator) -> None:

@@ -103,6 +103,7 @@ class Rig:
         self._sensors: dict[Channel, tuple[str, float]] = {}
         self._held = {Channel.LATERAL: 0.0, Channel.YAW: 0.0}
         self._drive, self._drive_value = 'well', 1.0
+        self._ahead_ns = 0  # of the clock that stamps
         #: Time, s of the epoch; largest displacement of the block, m; true speed; how late it was.
         self.truth: list[tuple[float, float, float, float]] = []
         self.set_points: list[tuple[float, float]] = []
@@ -117,6 +118,8 @@ class Rig:
             case ['cable', str(name), str(state), float(delay_s)]:
                 cable = self._cables[Channel[name]]
                 cable.state, cable.delay_s = state, delay_s
+            case ['clock', float(step_s)]:
+                self._ahead_ns = round(step_s * 1e9)
             case ['drive', str(state), float(value)]:
                 self._drive, self._drive_value = state, value
             case _:
@@ -157,7 +160,7 @@ class Rig:
         return values
 
     def _advance(self, count: int, stamps_ns: NDArray[np.int64], late_s: float) -> None:
-        block = self._rig.advance(count)
+        block, stamps_ns = self._rig.advance(count), stamps_ns + self._ahead_ns
         seen = {Channel.LATERAL: block.lateral, Channel.YAW: block.yaw}
         for channel in seen:
             values = self._seen(channel, seen)
