@@ -213,6 +213,9 @@ class Interlock:
         What the detector said last.
     goal_mps : float
         While tripped: no faster than this; inf otherwise.
+    lost, fault : str
+        What is wrong with the drive, and what its roller does that nobody told it; '' where
+        nothing. Set them as they come.
     displacement_m, rate_mps : float
         Of the lateral sensor itself, and how fast it changes; NaN: not known. Set them as they
         come.
@@ -230,8 +233,7 @@ class Interlock:
         self._heard_ns: int | None = None
         self._moved_ns = 0  # when `sequence` changed last
         self._late_s = 0.0
-        self._drive = 'the drive has not sent anything yet'
-        self._roller = ''
+        self.lost, self.fault = 'the drive has not sent anything yet', ''
         self.displacement_m = self.rate_mps = math.nan
         self.parked = False
         self._watching = False
@@ -272,19 +274,6 @@ class Interlock:
         if not math.isnan(amplitude_m):
             self._amplitudes.append(amplitude_m)
 
-    def drive(self, lost: str, roller: str = '') -> None:
-        """
-        Take note of the drive and its roller.
-
-        Parameters
-        ----------
-        lost : str
-            '' where the drive answers, or what is wrong with it.
-        roller : str
-            '' or what the roller does that nobody told it.
-        """
-        self._drive, self._roller = lost, roller
-
     def motion(self, now_ns: int) -> Motion:
         """Return what the detector sees; of one that is silent the form in force alone."""
         motion = self.heard.motion
@@ -303,8 +292,8 @@ class Interlock:
         heard, limit_m = self.heard, self.settings.limit_m
         amplitude_m = heard.largest_m
         above = f'above the limit, {1e3 * limit_m:.3f} mm'
-        if self._roller:
-            yield Trouble('speed', self._roller, now_ns)
+        if self.fault:
+            yield Trouble('speed', self.fault, now_ns)
         if self.displacement_m > limit_m:
             words = f'displacement {1e3 * self.displacement_m:.3f} mm {above}'
             yield Trouble('displacement', words, now_ns)
@@ -316,8 +305,8 @@ class Interlock:
         if heard.level == 'STALE':
             words = f'the detector cannot trust its inputs: {heard.words}'
             yield Trouble('inputs', words, now_ns)
-        if self._drive:
-            yield Trouble('drive', self._drive, now_ns)
+        if self.lost:
+            yield Trouble('drive', self.lost, now_ns)
         if amplitude_m > limit_m:
             yield Trouble('amplitude', f'amplitude {1e3 * amplitude_m:.3f} mm {above}', now_ns)
         if heard.level == 'ERROR' or heard.hunts:

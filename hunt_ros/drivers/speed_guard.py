@@ -101,7 +101,7 @@ class SpeedGuard:
         #: The history, the alarm and what is shelved; what else is in force follows.
         self._kept, self._saved = state, SafetyState()
         self._alarmed = False  # the detector that is heard now has said so
-        self._fault, self._compared_s = '', -math.inf
+        self._compared_s = -math.inf
         self._restore(state, damaged)
         self.autostart = autostart and not self.command.forced
 
@@ -174,11 +174,10 @@ class SpeedGuard:
             if now_s - self._compared_s >= _COMPARED_S:
                 self._compared_s = now_s
                 ceiling = self.command.limits.speed_ceiling_mps
-                self._fault = self.readings.fault(now_s, self.target_mps, ceiling)
+                self.interlock.fault = self.readings.fault(now_s, self.target_mps, ceiling)
                 largest = self.displacement.largest(now_s)
                 self.interlock.displacement_m, self.interlock.rate_mps = largest
-            lost = self.trouble()[1]
-            self.interlock.drive(lost, self._fault)
+            self.interlock.lost = lost = self.trouble()[1]
             self.interlock.parked = not (lost or self.target_mps > 0) and self.readings.at_rest()
             change = self.interlock.judge(steady_ns, measured_mps)
             goal, before = self.interlock.goal_mps, self.command.forced_mps
@@ -381,13 +380,13 @@ class SpeedGuard:
                 )
                 if words:
                     said += '; the safe set point is sent again and again'
-                if (more := words or self._fault) and more != interlock.cause:
+                if (more := words or interlock.fault) and more != interlock.cause:
                     said += f' ({more})' if words else f'; {more}'
                 return 'ERROR', said
             if words:
                 return level, words
-            if self._fault:
-                return 'ERROR', self._fault
+            if interlock.fault:
+                return 'ERROR', interlock.fault
             if interlock.state == 'disarmed':
                 return 'WARN', f'interlock is disarmed: {interlock.cause}'
             if unsafe := interlock.unsafe():

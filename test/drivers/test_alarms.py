@@ -51,12 +51,12 @@ def test_the_table_has_every_cause_of_a_trip() -> None:
     for step, told in enumerate(('hunting', 'amplitude', 'drive', 'inputs', 'detector')):
         level = {'hunting': 'ERROR', 'inputs': 'STALE'}.get(told, 'OK')
         motion = Motion(2e-3 if told == 'amplitude' else 1e-5)
-        interlock.drive('gone' if told == 'drive' else '')
+        interlock.lost = 'gone' if told == 'drive' else ''
         interlock.hear(step * S, Heard(level, step, step * S, '', math.nan, motion))
         found.append(interlock.trouble(step * S + (told == 'detector') * S).code)
     interlock.displacement_m = 5e-3
     found.append(interlock.trouble(step * S).code)
-    interlock.drive('', 'too fast')
+    interlock.lost, interlock.fault = '', 'too fast'
     found.append(interlock.trouble(step * S).code)
     assert interlock.judge(step * S, 7.0).event == 'interlock_tripped', 'before all has been well'
     assert (interlock.goal_mps, interlock.cause) == (0.0, 'too fast')

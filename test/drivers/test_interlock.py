@@ -20,7 +20,7 @@ class Watched:
 
     def __init__(self, mode: str = 'protect', **settings: float) -> None:
         self.interlock = Interlock(InterlockSettings(interlock=mode, **settings))
-        self.interlock.drive('')
+        self.interlock.lost = ''
         self.now_ns = 0
         self.stamp_ns = 1_000 * S
         self.sequence = 0
@@ -311,7 +311,7 @@ def test_nothing_trips_where_the_roller_stands_but_the_roller_itself() -> None:
     assert late.run(0.05, 'STALE') == 'interlock_tripped', 'which is no start of everything'
     roller = Watched()
     roller.interlock.parked = True
-    roller.interlock.drive('', 'the roller runs on')
+    roller.interlock.lost, roller.interlock.fault = '', 'the roller runs on'
     assert roller.run(0.1) == 'interlock_tripped'
 
 

@@ -159,7 +159,7 @@ def test_a_guard_does_not_wait_for_a_detector_that_starts_beside_a_limit_cycle(g
     path.write_text(PAPER.to_yaml().replace('v_c: 8.0', 'v_c: 12.0'))
     Wheelset(graph, 6.6e-4)
     guard, causes = Interlock(InterlockSettings(status_timeout_s=60.0)), []
-    guard.drive('')
+    guard.lost = ''
 
     def hear(message: DiagnosticArray) -> None:
         guard.hear(time.monotonic_ns(), heard_of(message))
