@@ -29,6 +29,8 @@ NOISE_FLOOR: np.dtype[np.void] = np.dtype([(name, np.float64) for name in _FLOOR
 _FLOOR_S = 20.0
 #: A motion of so many floors (squared) is no longer quiet: see `states.CLEAR`.
 _LOUD = 9.0
+#: A motion of so many (squared) that falls for sure was kicked: of noise alone one in fifty is.
+_KICKED = 4.0
 #: The floor follows at once where the recent mean square lies below this part of it.
 _FALLEN, _RECENT_S = 0.1, 3.0
 #: Without a floor yet, the standard deviation of the amplitude estimate stands in, so often.
@@ -71,7 +73,10 @@ def learn(
         memory['square'] += rules.stride / _RECENT_S * (memory['recent'] - memory['square'])
     limit = _LOUD * memory['square']
     quiet = a * a <= limit
-    if not (a * a > memory['square'] and (not basin or ratios['growth'] > some)):
+    grows = a * a > memory['square'] and (not basin or ratios['growth'] > some)
+    # What was kicked dies out, and is no noise; noise that has risen jumps again and again.
+    kicked = ratios['smooth'] < likelihood.HORIZONS[-1] and ratios['fall'] > some
+    if not (grows or (kicked and a * a > _KICKED * memory['square'])):
         memory['learnt'] = min(memory['learnt'], likelihood.rows_near(rules, ratios)) + 1.0
         weight = max(0.0 if dying else 1.0 / memory['learnt'], rules.stride / _FLOOR_S)
         memory['square'] += weight * (min(a * a, limit) - memory['square'])

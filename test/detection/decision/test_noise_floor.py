@@ -113,3 +113,18 @@ def test_what_dies_out_at_another_speed_is_not_the_quiet_motion_there() -> None:
             noise_floor.learn(RULES, floor, ratios, a, math.nan, True, dying)
         after.append(math.sqrt(floor['square']))
     assert after[0] < 1.6 * before < 4.0 * before < after[1]
+
+
+def test_what_was_kicked_and_dies_out_is_no_noise() -> None:
+    floor = Floor()
+    before = floor.feed(quiet(20.0, 8e-6))
+    for seed in range(8):
+        kicked = 400e-6 * np.exp(-np.arange(10 * ROWS) / ROWS)
+        floor.feed(quiet(10.0, 8e-6, seed) + kicked)
+    assert floor.feed(quiet(1.0, 8e-6)) < 1.7 * before
+
+
+def test_noise_that_rises_is_followed_though_it_jumps_like_kicks() -> None:
+    floor = Floor()
+    floor.feed(quiet(40.0, 8e-6))
+    assert floor.feed(quiet(80.0, 80e-6, 3)) > 0.5 * 80e-6
