@@ -49,10 +49,6 @@ class SteadyState:
         Hunting cycles behind the number.
     maxima, maxima_std : float
         The paper's amplitude (mean of the maxima), m; NaN where not worked out.
-    line_power : float
-        Sum of the squared amplitudes of the roller's lines beside it, m^2.
-    growth_rate : float
-        d ln A / dt along a ramp, which the amplitude follows late, 1/s; 0 on a plateau.
     kind : 'plateau' or 'ramp'
     source : str
     start_ns, end_ns : int
@@ -69,8 +65,6 @@ class SteadyState:
     source: str = ''
     start_ns: int = field(default=0, metadata=key(''))
     end_ns: int = field(default=0, metadata=key(''))
-    line_power: float = field(default=0.0, metadata=key(''))
-    growth_rate: float = field(default=0.0, metadata=key(''))
 
 
 def mean_of_maxima(

@@ -42,7 +42,7 @@ GIVEN, PAPERS = 'given', 'rig of the paper'
 _KEYS = {'fold_amplitude': 'fold_amplitude_m', 'disturbance': 'disturbance_m'}
 
 #: Version of the file: another one is refused. A dataclass that moves needs a new one.
-_VERSION = 7
+_VERSION = 8
 #: What reading raises of a file that holds something else, or is spoilt.
 _SPOILT = (
     HuntError, ValueError, KeyError, TypeError, AttributeError, ImportError, EOFError,
@@ -72,7 +72,7 @@ class FitSummary:
     lack_of_fit_because : sequence of str
         Why it does not; empty where it does.
     lack_of_fit_p : float
-        Probability of so large a discrepancy of the limit cycle if the law were right.
+        Probability of so large a discrepancy, anywhere, if the law were right.
     converged : bool
         Whether the fit stands at a maximum of the likelihood; elsewhere nothing is read from it.
     v_c_bound : float

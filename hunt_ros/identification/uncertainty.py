@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from hunt_ros.dynamics.covariance_root import covariance_root, inverse_of
-from hunt_ros.dynamics.growth_law import LINEAR, SATURATION, TERMS, GrowthLaw, reading
+from hunt_ros.dynamics.growth_law import SATURATION, TERMS, GrowthLaw, reading
 from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.likelihood.path_likelihood import ALL_TERMS
 from hunt_ros.identification.likelihood.trajectory_fit import TrajectoryFit
@@ -102,21 +102,6 @@ def _degrees(fit: TrajectoryFit) -> float:
     return min(_DEGREES, float(max(len(fit.own) - 1, 2))) if apart else _DEGREES
 
 
-def _stretched(covariance: NDArray[np.float64], by: float) -> NDArray[np.float64]:
-    """
-    Return the covariance with wider deviations of what the limit cycle tells, shape (10, 10).
-
-    That is of the terms in w where those of the linear growth are known: a law that misses the
-    limit cycle is no less right about rest.
-    """
-    linear = np.isin(np.arange(TERMS), LINEAR)
-    own, across = covariance[np.ix_(linear, linear)], covariance[np.ix_(~linear, linear)]
-    beyond = across @ np.linalg.pinv(own, hermitian=True) @ across.T
-    wide: NDArray[np.float64] = covariance.copy()
-    wide[np.ix_(~linear, ~linear)] += (by**2 - 1.0) * (wide[np.ix_(~linear, ~linear)] - beyond)
-    return wide
-
-
 def _away(
     fitted: FittedLaw,
     covariance: NDArray[np.float64],
@@ -144,11 +129,12 @@ def _away(
 def _moved(
     fitted: FittedLaw,
     theta: NDArray[np.float64],
+    stretch: float,
     admissible: Callable[[GrowthLaw], bool] | None,
     generator: np.random.Generator,
 ) -> NDArray[np.float64]:
     """
-    Move draws to where the likelihood wants them, shape (n, 15).
+    Move draws to where the likelihood, stretched, wants them, shape (n, 15).
 
     Half of them at a time step along differences of two of the others, and each step is taken
     with the probability of Metropolis.
@@ -170,7 +156,7 @@ def _moved(
             return -math.inf
         away = one - fit.theta
         vague = 0.5 * float(np.sum((away[-3:] / _VAGUE_NOISE) ** 2))
-        return -problem.objective(one, fit.own + at.follow(away, 0.0)) - vague
+        return -(problem.objective(one, fit.own + at.follow(away, 0.0)) + vague) / stretch**2
 
     reached = np.array([log_density(one) for one in theta])
     halves = np.arange(0, count, 2), np.arange(1, count, 2)
@@ -191,7 +177,6 @@ def draw_laws(
     settings: IdentificationSettings,
     stretch: float = 1.0,
     admissible: Callable[[GrowthLaw], bool] | None = None,
-    cycle: float = 1.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """
     Draw laws as the data leave them open, and the noise beside them.
@@ -203,22 +188,20 @@ def draw_laws(
     settings : IdentificationSettings
         For the seed, and how well the scale of the speed is known.
     stretch : float
-        Further factor on all deviations, for a law that does not fit.
+        Further factor on all deviations, for a law that misses more than chance does.
     admissible : callable, optional
         Whether a law can be one of a rig, and of this one by what was seen.
-    cycle : float
-        Further factor on the deviations of what the limit cycle tells, for a law that misses it.
 
     Returns
     -------
     p : ndarray, shape (n, 10)
-        Coefficients: Student draws, moved by the likelihood where the law fits.
+        Coefficients: Student draws, moved by the likelihood.
     noise : ndarray, shape (n, 5)
         Forcing and noise of each.
     rejected : float
         Share of the draws that was rejected.
     """
-    covariance = _stretched(law_covariance(fitted.fit), cycle)
+    covariance = law_covariance(fitted.fit)
     degrees, generator = _degrees(fitted.fit), np.random.default_rng(settings.seed)
     normal = generator.standard_normal((_TRIES * _DRAWS, TERMS))
     scale = stretch * np.sqrt(degrees / generator.chisquare(degrees, len(normal)))
@@ -234,10 +217,9 @@ def draw_laws(
     away = np.array(drawn).reshape(-1, TERMS)
     noise = _beside(fitted, away, generator.standard_normal((len(away), ALL_TERMS - TERMS)))
     theta = np.hstack([fitted.law.p + away, noise])
-    if stretch == cycle == 1.0:
-        theta[:, :TERMS] -= fitted.fit.correction
-        theta = _moved(fitted, theta, admissible, generator)
-        theta[:, :TERMS] += fitted.fit.correction
+    theta[:, :TERMS] -= fitted.fit.correction
+    theta = _moved(fitted, theta, stretch, admissible, generator)
+    theta[:, :TERMS] += fitted.fit.correction
     told = [reading(0.0, k) @ one[:TERMS] for one, k in zip(theta, scales.tolist(), strict=True)]
     return np.array(told).reshape(-1, TERMS), theta[:, TERMS:], 1.0 - len(drawn) / tried
 

@@ -43,8 +43,8 @@ def lead(one: Identification) -> str:
         )
     if one.fit.lack_of_fit:
         sentences.append(
-            '<b>The normal form does not fit these data</b> (lack of fit): '
-            'its fold and branches are not to be relied on.'
+            '<b>The normal form does not fit these data everywhere</b> (lack of fit): '
+            f'{escape("; ".join(one.fit.lack_of_fit_because))}.'
         )
     if count := len(one.notices):
         verb = 'is a warning' if count == 1 else f'are {count} warnings'

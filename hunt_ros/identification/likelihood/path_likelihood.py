@@ -14,6 +14,7 @@ that nothing is selected by its outcome. The derivatives by law and noise are ca
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,8 @@ ALL_TERMS = TERMS + NOISE_TERMS
 #: Longest step of the integration relative to the fastest rate met, 1: where the law changes
 #: the number of steps, the likelihood jumps by its error, here below a hundredth.
 _STEP = 0.3
+#: Growth over one step by which derivatives are taken.
+_DIFFERENCE = 1e-4
 #: Largest w = (A / A_ref)^2 the law is evaluated at: beyond it a trial law may blow up.
 _LARGEST = 25.0
 
@@ -171,6 +174,7 @@ def _walk(
     real: F1,
     imag: F1,
     line: F1,
+    extra: F1,
     starts: B1,
     window: F1,
     lanes: I1,
@@ -182,7 +186,7 @@ def _walk(
 
     `by` is filled with the derivatives by the parameters whose numbers are in `lanes`.
     """
-    p = theta[:TERMS]
+    p = theta[:TERMS].copy()
     noise = theta[TERMS:]
     r = math.exp(noise[3])
     jitter = math.exp(noise[4])
@@ -203,6 +207,7 @@ def _walk(
         by[:, k, :] = 0.0
         if not math.isfinite(real[k]):
             continue
+        p[0] = theta[0] + extra[k]
         if starts[k]:
             seen = max(math.sqrt(real[k] * real[k] + imag[k] * imag[k]), 1e-9)
             gain, _ = _blurred(p, u[k], seen, line[k], blur, sensitive, edge)
@@ -435,6 +440,36 @@ def sensitivities(
     return out, by
 
 
+def by_growth(
+    theta: NDArray[np.float64], path: Path, cells: NDArray[np.int64], count: int
+) -> NDArray[np.float64]:
+    """
+    Return the derivatives of the innovations by a growth rate of its own in each cell.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (15,)
+        Growth law and noise.
+    path : Path
+        The measured envelope.
+    cells : ndarray of int, shape (n,)
+        Number of the cell through which the way to each instant leads; -1: none.
+    count : int
+        Number of cells.
+
+    Returns
+    -------
+    ndarray, shape (count, n, 4)
+    """
+    by = np.zeros((count, path.time.size, 4))
+    rate = _DIFFERENCE / max(float(np.ptp(path.time)) / path.time.size, 1e-9)
+    for cell in np.unique(cells[cells >= 0]).tolist():
+        extra = np.where(cells == cell, rate, 0.0)
+        above, below = (innovations(theta, replace(path, extra=x)) for x in (extra, -extra))
+        by[cell] = (above - below) / (2.0 * rate)
+    return by
+
+
 def _run(
     theta: NDArray[np.float64], path: Path, lanes: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -447,6 +482,7 @@ def _run(
         np.ascontiguousarray(path.phasor.real),
         np.ascontiguousarray(path.phasor.imag),
         np.zeros(path.time.size) if path.line is None else path.line,
+        np.zeros(path.time.size) if path.extra is None else path.extra,
         path.starts,
         np.array([path.blur, path.reach, _shared(path.overlap)]),
         lanes,

@@ -24,6 +24,7 @@ from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.path_likelihood import (
     ALL_TERMS,
     NOISE_TERMS,
+    by_growth,
     innovations,
     sensitivities,
 )
@@ -267,17 +268,32 @@ class Problem:
         ]
         return self.value(theta, own, np.concatenate(parts))
 
-    def expand(self, theta: Array, own: Array) -> _Expansion:
-        """Value, gradient, and expected information."""
-        n, parts = theta.size, self.path.recordings
+    def expand(
+        self, theta: Array, own: Array, cells: NDArray[np.int64] | None = None
+    ) -> _Expansion:
+        """
+        Value, gradient, and expected information.
+
+        Behind the parameters stand growth rates beside the law's, one for each of `cells`, shape
+        (n,): the number of that which leads to an instant, or -1.
+        """
+        if cells is None:
+            cells = np.full(self.path.time.size, -1)
+        count, parts = int(cells.max()) + 1, self.path.recordings
+        n, ends = theta.size + count, np.cumsum([part.time.size for part in parts])
+        kept = np.delete(np.arange(n + OWN), np.arange(theta.size, n))
         gradient, information = np.zeros(n), np.zeros((n, n))
         base, derivative = [], []
         slopes, blocks = np.zeros((len(parts), OWN)), np.tile(np.eye(OWN), (len(parts), 1, 1))
         cross = np.zeros((len(parts), n, OWN))
-        for r, (one, part) in enumerate(zip(own, parts, strict=True)):
-            out, by_read = sensitivities(as_read(theta, one), part, self.varied)
-            way = _derivatives(theta, one)
-            way[:, :n] *= self.varied
+        for r, (one, part, inside) in enumerate(
+            zip(own, parts, np.split(cells, ends[:-1]), strict=True)
+        ):
+            read, way = as_read(theta, one), np.eye(n, n + OWN)
+            out, by_read = sensitivities(read, part, self.varied)
+            by_read = np.concatenate([by_read, by_growth(read, part, inside, count)])
+            way[: theta.size, kept] = _derivatives(theta, one)
+            way[: theta.size, : theta.size] *= self.varied
             # Chain rule on the sums over windows: what a window says is never widened itself.
             e, d_e, d_l = out[:, :2], by_read[..., :2], by_read[..., 2:]
             point = (-np.einsum('jnc,nc->j', d_e, e) - 0.5 * d_l.sum(axis=(1, 2))) @ way

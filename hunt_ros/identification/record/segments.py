@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from typing import Literal
@@ -98,26 +98,6 @@ class Run:
     def kicks(self) -> list[tuple[str, int]]:
         """Source and stamp, ns, of each kick."""
         return [(part.source, part.start_ns) for part in self.segments if part.kind == 'kick']
-
-    def read(self, gain: float, scale: float) -> Run:
-        """Return it with the amplitudes over a gain and the speeds times a scale."""
-        envelope = replace(
-            self.envelope,
-            phasor=self.envelope.phasor / gain,
-            speed=self.envelope.speed * scale,
-            line_power=self.envelope.line_power / gain**2,
-        )
-        states = [
-            replace(
-                state,
-                speed=state.speed * scale,
-                amplitude=state.amplitude / gain,
-                amplitude_std=state.amplitude_std / gain,
-                line_power=state.line_power / gain**2,
-            )
-            for state in self.states
-        ]
-        return replace(self, envelope=envelope, states=states)
 
 
 def analyse_record(
@@ -231,10 +211,9 @@ class _Analysis:
         if amplitude.size < 3:
             return None
         noise, mean = float(np.nanmedian(envelope.noise[part])), float(np.mean(amplitude))
-        hz, power = float(np.mean(envelope.frequency[part])), _known(envelope.line_power[part])
+        hz = float(np.mean(envelope.frequency[part]))
         duration = float(envelope.time[end - 1] - envelope.time[start]) + envelope.step
         maxima = maxima_std = math.nan
-        rate = math.log(amplitude[-1] / amplitude[0]) / (duration - envelope.step)
         if kind == 'plateau':
             time, ends = self.channels.time, envelope.time[[start, end - 1]]
             inside = self.channels.lateral[(time >= ends[0]) & (time <= ends[1])]
@@ -252,8 +231,6 @@ class _Analysis:
             source=envelope.source,
             start_ns=self.stamp(start),
             end_ns=self.stamp(end - 1),
-            line_power=float(np.median(power)) if power.size else 0.0,
-            growth_rate=rate if kind == 'ramp' else 0.0,
         )
 
     def on_plateau(self, start: int, end: int) -> tuple[SteadyState | None, str]:

@@ -33,7 +33,7 @@ _USUAL: Mapping[str, str] = {
     'steady_states.amplitude_std_m': 'some steady states are too short for a deviation',
     'steady_states': 'the mean of the maxima is taken on plateaus only, over two cycles or more',
     'segments': 'a growth rate is read where a free transient is small for long enough',
-    'fit.lack_of_fit_p': 'fewer than eight hunting states at several speeds: no test of the fit',
+    'fit.lack_of_fit_p': 'no motion shows whether the law holds, or the fit has run away',
     'fit': 'the information of the fit is singular',
     'frequency_hz': 'no line stands out',
     'observed.step_mps': 'no jump was observed',

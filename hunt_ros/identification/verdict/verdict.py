@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds, SteadyState
 from hunt_ros.dynamics.growth_law import GrowthLaw
@@ -32,12 +31,7 @@ from hunt_ros.identification.uncertainty import (
     draw_laws,
     law_covariance,
 )
-from hunt_ros.identification.verdict.lack_of_fit import (
-    LackOfFit,
-    contradictions,
-    misfit_of,
-    missed_transients,
-)
+from hunt_ros.identification.verdict.lack_of_fit import LackOfFit, lack_of_fit
 from hunt_ros.identification.verdict.reasons import reasons, resolved, unknown_of
 from hunt_ros.samples import Uncertain
 
@@ -47,9 +41,8 @@ _UNSEEN = -30.0
 _MANY = 0.5
 #: RMS misfit of the limit cycle from which a law is no normal form of the rig.
 _FAR_OFF = 0.05
-#: Share of the free transients that noise takes another way than a law that holds says, and
-#: probability below which more of them are no chance.
-_STRAYS, _BY_CHANCE = 0.1, 0.02
+#: Difference of recordings, relative, from which they are not of one rig as it stands.
+_DISAGREE = 0.1
 #: Relative range of speeds below which a record is one at one speed.
 _ONE_SPEED = 0.02
 #: Largest relative deviation of v_c that still is knowledge of it; at which the sign of a
@@ -71,15 +64,15 @@ _SHAPE = (*_ONSET, 'cubic')
 _FOLD = (*_SHAPE, 'subcritical', 'limited', 'agree', 'fits')
 _NEEDS: Mapping[str, tuple[str, ...]] = {
     'v_c': _LINEAR,
-    **dict.fromkeys(('coefficients.D1', 'coefficients.D7'), (*_LINEAR, 'time', 'agree', 'near')),
+    **dict.fromkeys(('coefficients.D1', 'coefficients.D7'), (*_LINEAR, 'time', 'agree', 'fits')),
     **dict.fromkeys(
         ('coefficients.D4', 'coefficients.D10', 'coefficients.D15', 'branches'),
-        (*_CUBIC, 'agree', 'near'),
+        (*_CUBIC, 'agree', 'fits'),
     ),
     'criticality': _SHAPE,
     'supercritical_probability': ('critical', *_ONSET, 'small'),
     'hysteresis_below': ('critical', *_ONSET, 'small', 'agree', 'fits'),
-    'correlations': (*_CUBIC, 'limited', 'agree', 'near'),
+    'correlations': (*_CUBIC, 'limited', 'agree', 'fits'),
     **dict.fromkeys(('v_n', 'fold_amplitude_m'), _FOLD),
     'disturbance_m': (*_FOLD, 'small'),
     'hysteresis_width': ('critical', *_FOLD, 'small'),
@@ -96,6 +89,11 @@ class Evidence:
     observed: ObservedCriticalSpeeds
 
     @property
+    def names(self) -> list[str]:
+        """Names of the recordings."""
+        return list(dict.fromkeys(run.envelope.source for run in self.runs))
+
+    @property
     def envelopes(self) -> list[Envelope]:
         """Envelopes of all runs."""
         return [run.envelope for run in self.runs]
@@ -109,16 +107,6 @@ class Evidence:
     def states(self) -> list[SteadyState]:
         """Steady states of all runs."""
         return [state for run in self.runs for state in run.states]
-
-    def alike(self) -> Evidence:
-        """Return it with the recordings brought to one gain and one scale of the speed."""
-        best = self.fitted
-        ends = np.cumsum([run.envelope.time.size for run in self.runs])
-        own = np.split(best.fit.own[best.fit.problem.path.recording, :2], ends[:-1])
-        given = [np.exp(one.mean(axis=0)).tolist() for one in own]
-        return replace(
-            self, runs=[run.read(*one) for run, one in zip(self.runs, given, strict=True)]
-        )
 
     @property
     def hunting(self) -> list[SteadyState]:
@@ -158,15 +146,11 @@ def conclude(
         Every null of its JSON has its reason.
     """
     best = evidence.fitted
-    alike = evidence.alike()
-    misfit = misfit_of(best, alike.hunting)
-    failed = _misfits(evidence, alike, misfit, warnings)
-    lacks = [failed[name] for name in ('fits', 'believed', 'agree') if name in failed]
-    # A misfit is a systematic error: of all, in its proportion, where it is large, and of what the
-    # limit cycle tells, against chance, where it is seen at all.
-    stretch = 1.0 + min(misfit.share / 0.01, 10.0) if lacks else 1.0
-    cycle = 1.0 if lacks else misfit.stretch
-    drawn, noise, rejected = draw_laws(best, settings, stretch, _admissible(evidence), cycle)
+    misfit = lack_of_fit(best, evidence.names)
+    failed = _misfits(evidence, misfit, warnings)
+    lacks = [failed[name] for name in ('believed', 'agree') if name in failed]
+    lacks += [misfit.words] * misfit.flagged
+    drawn, noise, rejected = draw_laws(best, settings, misfit.stretch, _admissible(evidence))
     if rejected > _MANY:
         warnings.append(
             f'{100.0 * rejected:.0f} % of the laws around the fit are of no rig, or contradict'
@@ -263,40 +247,46 @@ def _intensity(best: FittedLaw, noise: NDArray[np.float64]) -> NDArray[np.float6
     return 0.5 * best.law.scales.amplitude**2 * np.exp(np.where(seen, level, math.nan))
 
 
-def _misfits(
-    evidence: Evidence, alike: Evidence, misfit: LackOfFit, warnings: list[str]
-) -> dict[str, str]:
-    """Conditions that a law fails by what it misses: 'believed', 'agree', 'fits', 'near'."""
+def _misfits(evidence: Evidence, misfit: LackOfFit, warnings: list[str]) -> dict[str, str]:
+    """Conditions that a law fails by what it misses: 'believed', 'agree', 'fits'."""
     failed = {}
-    astray = _astray(evidence.fitted, alike)
-    if astray:
+    if astray := _astray(evidence):
         failed['believed'] = astray
         warnings.append(f'lack of fit: {astray}')
-    if against := contradictions(evidence.hunting):
+    if against := _disagreement(evidence):
         failed['agree'] = against
         warnings.append(against)
     if misfit.flagged:
-        share = f'{100.0 * misfit.share:.1f} %'
-        failed['fits'] = f'lack of fit of the law ({share})'
-        warnings.append(
-            f'lack of fit: the law misses the limit cycle by {share}'
-            f' (p = {misfit.p:.1g}); no fold is claimed'
-        )
-        if misfit.share > _FAR_OFF:
-            failed['near'] = f'{failed["fits"]}: too large for a normal form'
+        lacks = f'lack of fit: {misfit.words}'
+        wide = f'intervals are {misfit.stretch:.2g} times as wide'
+        if misfit.held and misfit.share > _FAR_OFF:
+            failed['fits'] = lacks
+            wide = 'no fold is claimed'
+        warnings.append(f'{lacks} (p = {misfit.p:.1g}); {wide}')
     return failed
 
 
-def _astray(best: FittedLaw, evidence: Evidence) -> str:
+def _disagreement(evidence: Evidence) -> str:
+    """Say which recordings show amplitudes or critical speeds too far apart; '' where none do."""
+    for k, what in ((0, 'amplitudes'), (2, 'critical speeds')):
+        own = evidence.fitted.fit.own[:, k]
+        low, high = int(np.argmin(own)), int(np.argmax(own))
+        if own[high] - own[low] > _DISAGREE:
+            return (
+                f'runs contradict each other: the {what} of {evidence.names[high]} are'
+                f' {math.exp(own[high] - own[low]):.2f} times those of {evidence.names[low]}'
+            )
+    return ''
+
+
+def _astray(evidence: Evidence) -> str:
     """Why nothing is read from a law; '' where it is believed."""
+    best = evidence.fitted
     if not best.fit.converged:
         return (
             'the fit of the law has not converged (a gain of the log likelihood of'
             f' {best.fit.remaining:.2g} is still in reach): nothing is read from it'
         )
-    missed, transients = missed_transients(best, evidence.runs)
-    if stats.binom.sf(missed - 1, transients, _STRAYS) < _BY_CHANCE:
-        return f'{missed} of {transients} free transients go another way than the law says'
     if refuted := refutations(best.law, evidence.bracket):
         return f'the law contradicts what was seen: {refuted[0]}'
     # Growth that ends again inside the data is a parabola's, and no rig's.
