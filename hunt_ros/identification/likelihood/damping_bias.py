@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import B1, F1, compiled
 from hunt_ros.dynamics.covariance_root import inverse_of
-from hunt_ros.dynamics.growth_law import LINEAR, TERMS
+from hunt_ros.dynamics.growth_law import LINEAR, SATURATION, TERMS
 from hunt_ros.identification.likelihood.path import Path
 
 #: Share of A_ref up to which motion is quiet: the cubic term changes its growth by little.
@@ -113,4 +113,9 @@ def damping_correction(
     pull[list(LINEAR)] = columns @ weight
     correction: NDArray[np.float64] = inverse @ pull
     # First order is only that: never more than one deviation.
-    return correction / max(1.0, math.sqrt(max(float(pull @ correction), 0.0)))
+    correction /= max(1.0, math.sqrt(max(float(pull @ correction), 0.0)))
+    # No saturation is negative: where it is held at 0 the others follow it, as in the fit.
+    short = -(theta[SATURATION] + correction[SATURATION])
+    if short > 0.0 < inverse[SATURATION, SATURATION]:
+        correction += short * inverse[SATURATION] / inverse[SATURATION, SATURATION]
+    return correction

@@ -126,7 +126,7 @@ class TrajectoryFit:
     def law(self) -> NDArray[np.float64]:
         """Coefficients of the growth law, freed from the bias of the damping."""
         law: NDArray[np.float64] = self.theta[:-NOISE_TERMS] + self.correction
-        law[SATURATION] = max(law[SATURATION], 0.0)
+        law[SATURATION] = max(law[SATURATION], 0.0)  # to rounding
         return law
 
 

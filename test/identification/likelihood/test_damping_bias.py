@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from made import forced_mode
 
-from hunt_ros.dynamics.growth_law import lawful
+from hunt_ros.dynamics.growth_law import SATURATION, TERMS, lawful
+from hunt_ros.identification.likelihood.damping_bias import damping_correction
 from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.trajectory_fit import LawPrior, fit_path
 
@@ -41,3 +42,23 @@ def test_the_damping_of_a_short_hold_is_freed_from_its_bias():
 def test_much_data_leaves_nothing_to_correct():
     raw, corrected = found(1, 4000.0)
     assert raw - corrected == pytest.approx(1.0 / 4000.0, rel=0.3)
+
+
+def test_a_saturation_that_is_held_takes_the_other_coefficients_along():
+    rng = np.random.default_rng(2)
+    z = forced(rng, 200.0)
+    path = Path(STEP * np.arange(z.size), np.zeros(z.size), z, np.arange(z.size) == 0)
+    derivative = rng.standard_normal((TERMS + 5, z.size, 2))
+    # Correlated so that less damping goes with less saturation.
+    derivative[SATURATION] += 0.9 * derivative[0]
+    information = np.einsum('inc,jnc->ij', derivative, derivative)
+    noise = [0, 0, 2 * np.log(FORCING), -18.0, -18.0]
+    far, held = (np.array([*lawful([-DAMPING, *np.zeros(5)]), *noise]) for _ in range(2))
+    far[SATURATION] = 10.0
+    free, bound = (damping_correction(one, path, derivative, information) for one in (far, held))
+    assert free[SATURATION] < 0.0
+    assert bound[SATURATION] == pytest.approx(0.0, abs=1e-12)
+    # The others are those that are likeliest beside it.
+    inverse = np.linalg.inv(information[:TERMS, :TERMS])
+    follow = inverse[SATURATION] / inverse[SATURATION, SATURATION]
+    assert bound - free == pytest.approx(-free[SATURATION] * follow, rel=1e-6, abs=1e-12)
