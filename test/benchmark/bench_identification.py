@@ -217,12 +217,12 @@ def measured(arguments: Namespace, pool: Executor) -> str:
 
 
 FALLS_SHORT = (
-    'What falls short: of rigs of another make v_n is within 0.6 % where a limit cycle was seen '
-    'to end, beside an interval that is too narrow in three of ten; where the conicity saturates '
-    'v_c is up to 2.7 % early from ramps of 25 s, and 2 % late beside 10 % of noise. A '
-    'supercritical rig of ours is not called so. Of fast reversals beside a line of the roller '
-    'v_c is up to 0.14 m/s late. The hour takes longer than its goal. On free trajectories p of '
-    'the lack of fit is too small: it is no probability there.'
+    'What falls short: of rigs of another make nine of ten intervals of v_n hold. The others are '
+    'of fast ramps, whose misfit is less than chance shows, and of going up alone, where v_n is a '
+    'forecast. Where the conicity saturates v_c is up to 2.7 % early from ramps of 25 s, and 2 % '
+    'late beside 10 % of noise, with intervals that hold it. A supercritical rig of ours is not '
+    'called so. Of fast reversals beside a line of the roller v_c is up to 0.14 m/s late. The '
+    'hour takes longer than its goal.'
 )
 
 
