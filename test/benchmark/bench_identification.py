@@ -222,7 +222,7 @@ FALLS_SHORT = (
     'forecast. Where the conicity saturates v_c is up to 2.7 % early from ramps of 25 s, and 2 % '
     'late beside 10 % of noise, with intervals that hold it. A supercritical rig of ours is not '
     'called so. Of fast reversals beside a line of the roller v_c is up to 0.14 m/s late. The '
-    'hour takes longer than its goal.'
+    'hour takes longer than its goal, and of one in five v_c and the unstable branch are missed.'
 )
 
 
