@@ -153,6 +153,14 @@ def test_small_motion_above_v_c_is_no_rest_of_a_quiet_rig(make):
     assert all(one.v_c is None for one in seen)
 
 
+@pytest.mark.parametrize('line', [0.0, 6e-4])
+def test_what_a_line_as_large_as_the_limit_cycle_may_hide_is_no_rest(make, line):
+    quiet = make(7.6, 60.0, 4, forcing=4e-6, roughness=line)
+    seen = seen_in(held(make, 7.2, 7e-4, 3), quiet)
+    rested = max(event.speed for event in seen.events if event.kind == 'rest')
+    assert (rested > 7.5) is (line == 0.0)
+
+
 @pytest.mark.parametrize('line', [0.0, 3e-5])
 def test_a_staircase_that_is_quiet_at_every_speed_bounds_v_c(line):
     """At 3 m/s the line of the roller is 200 um large, 1 Hz from the hunting."""

@@ -283,7 +283,9 @@ def events_of(
         where all amplitudes are of one kind.
     """
     rest, large, top = levels
-    known = np.flatnonzero(np.isfinite(envelope.amplitude))
+    # Small beside a line of such a size is what hunting of its frequency is that went with it.
+    hidden = (envelope.amplitude <= large) & (envelope.line_power > (SMALLEST * top) ** 2)
+    known = np.flatnonzero(np.isfinite(envelope.amplitude) & ~hidden)
     period = 1.0 / float(np.median(envelope.frequency))
     stamp = envelope.start_ns + np.round(1e9 * envelope.time).astype(np.int64)
     other = np.nan_to_num(envelope.residual)
