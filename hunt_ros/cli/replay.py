@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -72,13 +71,12 @@ def run(arguments: argparse.Namespace) -> int:
         remarks.append(f'damaged: {problems}; "hunt info" says more')
     if bursts := record.notes.get('bursts'):
         remarks.append(bursts)
-    blind = not math.isfinite(found.max_amplitude_m)
-    if blind:
+    if found.blind:
         remarks.append('no amplitude of the hunting could be estimated: it may hunt or not')
     told = record, config, found, remarks
     unit = options.rig_of(arguments).speed_unit
     tell(arguments.json, lambda: document(*told), lambda: lines_of(*told, unit))
-    return 1 if blind else 0
+    return 1 if found.blind else 0
 
 
 def _check(arguments: argparse.Namespace) -> None:

@@ -50,6 +50,8 @@ class Findings:
         The alarms; None where no detector was named.
     forecast : Forecast or None
         Of v_c, from the quiet response of the whole record; None where none was made.
+    blind : bool
+        Not even of yaw an amplitude was known anywhere.
     """
 
     level_rows: Counter[str] = field(default_factory=Counter)
@@ -60,6 +62,7 @@ class Findings:
     verdicts: list[Verdict] = field(default_factory=list)
     history: AlarmHistory | None = None
     forecast: Forecast | None = None
+    blind: bool = True
     _least_m: float = field(default=-math.inf, repr=False)
 
     def add(self, rows: NDArray[np.void]) -> None:
@@ -72,6 +75,7 @@ class Findings:
             for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
                 counter[kind(number).label] += count
         self.reason_rows += reason_counts(rows)
+        self.blind &= not np.isfinite(rows['judged']).any()
         from_yaw = (rows['doubts'] & doubts.FROM_YAW) != 0
         # Where no lateral displacement is read there is nothing to compare it with.
         most = np.where(from_yaw, math.nan, rows['lateral_swing'])

@@ -49,10 +49,11 @@ def law_covariance(fit: TrajectoryFit) -> NDArray[np.float64]:
     fit : TrajectoryFit
         At a maximum.
     """
+    wide = 1e6 * np.eye(TERMS)  # a law that ran away says nothing: so that every guard sees it
     if not np.isfinite(fit.information).all():
-        # A law that ran away says nothing: so wide that every guard sees it.
-        return 1e6 * np.eye(TERMS)
-    return np.asarray(inverse_of(fit.information)[:TERMS, :TERMS], dtype=np.float64)
+        return wide
+    covariance = np.asarray(inverse_of(fit.information)[:TERMS, :TERMS], dtype=np.float64)
+    return covariance if np.diag(covariance).min() >= 0.0 else wide
 
 
 def _beside(

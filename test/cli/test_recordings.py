@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,8 @@ from made import record_of
 from hunt_ros.bag import BagWriter, read_record, write_record
 from hunt_ros.cli.main import main
 from hunt_ros.samples import Record, Series
+
+BAGS = Path(__file__).parents[2] / 'bags'
 
 
 @pytest.fixture
@@ -115,3 +119,14 @@ def test_import_by_the_sources_of_a_rig_and_an_option_over_them(tmp_path: Path) 
     record = read_record(tmp_path / 'out')
     np.testing.assert_array_equal(record['lateral'].values, np.arange(30.0) * 0.001)
     assert set(record['speed'].values) == {8.0}
+
+
+def test_a_recording_of_yaw_alone_is_judged_and_told_in_its_unit(tmp_path, capsys) -> None:
+    """Exit code 1, "it may hunt or not" and "amplitude unknown" before, beside a limit cycle."""
+    record = read_record(BAGS / 'kick_escapes')
+    yaw = replace(record, channels={name: record[name] for name in ('yaw', 'roller', 'speed')})
+    assert main(['replay', str(write_record(tmp_path / 'yaw', yaw))]) == 0
+    said = capsys.readouterr().out
+    assert 'it may hunt or not' not in said
+    (cycle,) = [line for line in said.splitlines() if 'LIMIT CYCLE' in line]
+    assert re.search(r'amplitude [0-9.]+ \+/- [0-9.]+ mrad', cycle)

@@ -52,6 +52,17 @@ def test_draws_are_reproducible_and_scatter_as_the_covariance_says(fitted):
     np.testing.assert_allclose(spread[varied], expected[varied], rtol=0.25)
 
 
+def test_a_law_whose_information_is_no_information_says_nothing(fitted):
+    """Of a fit that ran away the information lost its sign to rounding: an internal error."""
+    one, _ = fitted
+    lost = one.fit.information.copy()
+    lost[SATURATION, SATURATION] *= 1e-6
+    assert np.linalg.eigvalsh(lost).min() < 0.0
+    drawn = draw_laws(replace(one, fit=replace(one.fit, information=lost)), SETTINGS)[0]
+    assert np.isfinite(drawn).all()
+    assert drawn[:, 0].std() > 100.0
+
+
 @pytest.mark.parametrize(('beyond', 'mean'), [(0.0, 0.84), (-3.0, 0.32), (-20.0, 0.06)])
 def test_a_saturation_that_its_bound_holds_is_drawn_from_the_flank(fitted, beyond, mean):
     """Means of a Student distribution of 12 degrees cut 0, 3 and 20 deviations above its top."""

@@ -114,7 +114,9 @@ def _number(row: np.void, name: str, unit: str, scale: float = 1.0) -> str:
 
 def _judged(row: np.void) -> tuple[str, str]:
     """Return the coordinate that is judged, and the unit in which it is told."""
-    return ('yaw', 'mrad') if int(row['doubts']) & doubts.IN_YAW else ('lateral', 'mm')
+    only = math.isnan(row['lateral_amplitude']) and math.isfinite(row['yaw_amplitude'])
+    in_yaw = only or int(row['doubts']) & doubts.IN_YAW
+    return ('yaw', 'mrad') if in_yaw else ('lateral', 'mm')
 
 
 def _size(row: np.void) -> str:

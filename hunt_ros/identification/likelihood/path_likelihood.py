@@ -462,8 +462,8 @@ def by_growth(
     ndarray, shape (count, n, 4)
     """
     by = np.zeros((count, path.time.size, 4))
-    rate = _DIFFERENCE / max(float(np.ptp(path.time)) / path.time.size, 1e-9)
     for cell in np.unique(cells[cells >= 0]).tolist():
+        rate = _DIFFERENCE / max(float(np.ptp(path.time)) / path.time.size, 1e-9)
         extra = np.where(cells == cell, rate, 0.0)
         above, below = (innovations(theta, replace(path, extra=x)) for x in (extra, -extra))
         by[cell] = (above - below) / (2.0 * rate)

@@ -244,7 +244,8 @@ def _intensity(best: FittedLaw, noise: NDArray[np.float64]) -> NDArray[np.float6
     u = 0.0 if v_c is None else float(best.law.detuning(v_c))
     level = noise[:, 2] + u * noise[:, 0]
     seen = (level > _UNSEEN) & np.isfinite(best.fit.information).all()
-    return 0.5 * best.law.scales.amplitude**2 * np.exp(np.where(seen, level, math.nan))
+    with np.errstate(over='ignore'):  # of a law that runs away
+        return 0.5 * best.law.scales.amplitude**2 * np.exp(np.where(seen, level, math.nan))
 
 
 def _misfits(evidence: Evidence, misfit: LackOfFit, warnings: list[str]) -> dict[str, str]:
