@@ -8,5 +8,7 @@ FROM_YAW, IN_YAW, TOO_SLOW, TOO_FAST = 512, 1024, 2048, 4096
 OUTSIDE = TOO_SLOW | TOO_FAST
 #: The motion holds, and is not at the frequency of the hunting that the form gives.
 OTHER = 8192
+#: It hunts where the form has the motion die out.
+REFUTED = 65536
 #: The sensors contradict each other; the motion cannot be told from a line of the roller.
 CONTRARY, ON_LINE = 16384, 32768

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import B1, compiled, compiled_part
 from hunt_ros.detection import doubts
-from hunt_ros.detection.decision import likelihood, limits, noise_floor, states
+from hunt_ros.detection.decision import likelihood, limits, noise_floor, states, switching
 from hunt_ros.detection.decision.form import (
     SMALLEST,
     FormNumbers,
@@ -37,6 +37,7 @@ MEMORY: np.dtype[np.void] = np.dtype(
     [
         ('floor', noise_floor.NOISE_FLOOR),
         ('ratios', likelihood.LIKELIHOOD),
+        ('motion', switching.SWITCHING),
         ('outlook', OUTLOOK),
         ('region', HELD),
         ('state', states.STATE),
@@ -66,6 +67,8 @@ def fresh_memory() -> NDArray[np.void]:
     memory = np.zeros(1, dtype=MEMORY)
     memory['floor']['square'] = math.nan
     memory['floor']['intensity'] = math.nan
+    memory['motion']['speed'] = math.nan
+    memory['motion']['prior'] = switching.BEGINS
     memory['state']['reference'] = math.nan
     memory['ratios']['smooth'] = likelihood.SELDOM
     memory['ratios']['at'] = math.inf
@@ -87,6 +90,8 @@ def kept(memory: NDArray[np.void], *, floor: bool, reference: bool) -> NDArray[n
     state, old = fresh['state'], memory['state']
     state['hunting'], state['cause'] = old['hunting'], old['cause']
     state['hunting']['wanted'], state['hunting']['waited'] = old['hunting']['word'], 0
+    if old['hunting']['word'][0] != states.NO:
+        fresh['motion']['prior'] = 1.0
     if reference:
         state['reference'] = old['reference']
     if floor:
@@ -143,9 +148,11 @@ def decide(
             of_the_form = m['state']['hunting']['word'] != states.NO or not predictable
             if not of_the_form:
                 of_the_form = is_hunting_of(form, rules.nominal_hz, v, a, out)
-            parts = m['state'], m['ratios']
+            parts = m['state'], m['ratios'], m['motion']
             other, undecided = states.judge(rules, *parts, a, s, of_the_form, out)
-        states.tell(rules, m['state'], m['ratios'], out)
+        states.tell(rules, m['state'], m['ratios'], m['motion'], out)
+        if out['state'] == states.LIMIT_CYCLE:
+            _hold_to_form(rules, out)
         if known and form.known and out['state'] == states.ESCAPING:
             out['time_to_limit_cycle'] = time_to_cycle(form, v, a, out)
         undecided &= out['state'] < states.ESCAPING
@@ -170,6 +177,16 @@ def decide(
 
 
 @compiled_part
+def _hold_to_form(rules: Rules, out: Any) -> None:
+    """Take back what a form says of a limit cycle that it has die out: it is refuted."""
+    if out['escape_probability'] < 1.0 - rules.probability_in:
+        out['doubts'] |= doubts.REFUTED
+        out['margin'] = out['margin_low'] = out['margin_high'] = math.nan
+        out['escape_probability'] = out['outlook'] = math.nan
+        out['escape_probability_low'] = out['escape_probability_high'] = math.nan
+
+
+@compiled_part
 def _take_region(rules: Rules, memory: Any, v: float, out: Any) -> None:
     wanted = region_of(memory['word'], v, rules.v_n, rules.v_c, _REGION_BAND_MPS)
     rows = 0 if memory['word'] == 0 or wanted == 0 else rows_of(rules, _REGION_S)
@@ -184,12 +201,14 @@ def _learn(
 ) -> None:
     """Learn from a row what is quiet, and what its amplitude does."""
     v, word = out['speed'], m['state']['hunting']['word']
+    drift = growth_at(form, v, a) if predictable else math.nan
+    line = (out['doubts'] & doubts.ON_LINE) != 0
+    spread = math.hypot(s, 0.5 * out['step'])
+    basin = not (predictable and growth_at(form, v, 0.0) > 0.0)
+    switching.watch(rules, m['motion'], v, a, spread, drift, basin, line)
     if math.isnan(a):
         likelihood.interrupt(m['ratios'])
     else:
-        drift = growth_at(form, v, a) if predictable else math.nan
-        line = (out['doubts'] & doubts.ON_LINE) != 0
-        spread = math.hypot(s, 0.5 * out['step'])
         likelihood.watch(rules, m['ratios'], v, a, spread, drift, line)
         noise_floor.observe(rules, m['floor'], a)
         if word in (states.NO, states.DECAYING):

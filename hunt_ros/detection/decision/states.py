@@ -29,8 +29,9 @@ limit cycle  falls, or over                decaying     -
 *Beyond*: by the form, it reaches the limit cycle before it is quiet again with the set
 probability; *returns*: it does not. *Arrived*: it is on the stable branch. *Growing*: it grows,
 and is more than noise, where the form knows no limit cycle to escape to. *Steady*: it holds, is
-more than noise, and may be the hunting. *Over*: it is no more than noise, and small beside what it
-was. What is a likelihood ratio (steady, growing, falls: `likelihood`) has taken its time already.
+more than noise, and may be the hunting. Either is seen by its likelihood ratio (`likelihood`), or,
+but for the first seconds after a blow, by its posterior probability (`switching`), and has taken
+its time already. *Over*: it is no more than noise, and small beside what it was.
 The two are shown as one word, the `State`: while it hunts that of the hunting, else that of
 the motion. Called by the kernel of the decisions, row by row.
 """
@@ -43,7 +44,7 @@ from typing import Any
 import numpy as np
 
 from hunt_ros.compiled import compiled_part
-from hunt_ros.detection.decision import likelihood
+from hunt_ros.detection.decision import likelihood, switching
 from hunt_ros.detection.decision.rules import Rules, rows_of
 from hunt_ros.detection.regions import HELD, State, hold
 
@@ -81,11 +82,15 @@ _CYCLE = 0.85
 AS_LIKELY = 0.5
 #: What has this part of the amplitude of the hunting, or more, may be the hunting.
 _SAME = 0.7
+#: What has less than this part of it, for sure, is what is left of it.
+_GONE = 0.1
 #: An amplitude is sure to be less than it seems plus this many standard deviations.
 _SURE = 3.0
 #: To fall ends an alarm and raises none: it takes less than the whole evidence. To hold is asked
 #: only of what is no noise: not once a mark, but once a kick.
 _FALLING, _HOLDING = 2.0 / 3.0, 0.25
+#: It hunts from this posterior probability on.
+LIKELY = 0.99
 #: An amplitude is well known when its standard deviation is below this part of it.
 _WELL_KNOWN = 0.1
 #: The amplitude of the limit cycle is followed at this pace while the speed changes, s.
@@ -97,6 +102,7 @@ def judge(
     rules: Rules,
     memory: Any,
     ratios: Any,
+    motion: Any,
     a: float,
     s: float,
     of_the_form: bool,
@@ -107,8 +113,8 @@ def judge(
 
     Parameters
     ----------
-    rules, memory, ratios
-        Thresholds; records of STATE and LIKELIHOOD.
+    rules, memory, ratios, motion
+        Thresholds; records of STATE, LIKELIHOOD and SWITCHING.
     a, s : float
         Amplitude and its standard deviation, m.
     of_the_form : bool
@@ -130,14 +136,20 @@ def judge(
     excess, some = likelihood.excess(rules, ratios), likelihood.SOME * rules.evidence
     falls = ratios['fall'] > _FALLING * rules.evidence
     holds = excess > rules.evidence and ratios['hold'] > _HOLDING * rules.evidence and not falls
-    steady = holds and not ratios['growth'] > some
-    growing = ratios['growth'] > rules.evidence or (holds and not steady)
+    likely = excess > some and not falls and ratios['smooth'] > likelihood.SELDOM
+    likely &= switching.hunts(motion) > LIKELY
+    steady = (holds and not ratios['growth'] > some) or (
+        likely and motion['cycles'] > motion['grows']
+    )
+    growing = ratios['growth'] > rules.evidence or ((holds or likely) and not steady)
     growing &= excess > some and math.isnan(out['stable_amplitude'])
     # What is left of it is small for sure: an estimate that has just begun anew knows little.
     small = not a + _SURE * s > _SAME * memory['reference']
     # As large as the hunting was, it is the hunting: nothing says that this has ended.
     seen = not out['outside_judged'] > _SAME * memory['reference']
     over = likelihood.settled(ratios) and excess < some and small and not disturbed and seen
+    # In strong noise a cycle dips into it; far below what it was it is over for sure.
+    over &= switching.hunts(motion) < AS_LIKELY or a + _SURE * s < _GONE * memory['reference']
     chance = out['escape_probability']
     beyond = chance > (AS_LIKELY if hunting == ESCAPING else rules.probability_in)
     beyond &= disturbed or math.isnan(quiet)
@@ -207,7 +219,7 @@ shown = compiled_part(word_of)
 
 
 @compiled_part
-def tell(rules: Rules, memory: Any, ratios: Any, out: Any) -> None:
+def tell(rules: Rules, memory: Any, ratios: Any, motion: Any, out: Any) -> None:
     """Fill in the state of a row, since when it is, its cause and the ratio behind that."""
     cause, hunting = memory['cause'], memory['hunting']
     out['state'] = shown(memory)
@@ -226,5 +238,9 @@ def tell(rules: Rules, memory: Any, ratios: Any, out: Any) -> None:
         ratio, least = ratios['hold'], _HOLDING
     elif cause == FALLS:
         ratio, least = ratios['fall'], _FALLING
+    limit = least * rules.evidence
+    if cause in (GROWING, STEADY) and ratio < limit:  # it was the posterior probability
+        hunts = min(switching.hunts(motion), 1.0 - 1e-12)
+        ratio, limit = math.log(hunts / (1.0 - hunts)), math.log(LIKELY / (1.0 - LIKELY))
     out['log_likelihood_ratio'] = ratio
-    out['log_likelihood_ratio_limit'] = least * rules.evidence
+    out['log_likelihood_ratio_limit'] = limit

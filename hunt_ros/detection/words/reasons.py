@@ -251,6 +251,11 @@ _DOUBTS: tuple[tuple[int, str, Callable[[np.void, Basis], str] | None], ...] = (
     (doubts.DISAGREE, 'filter and Hilbert envelope disagree on the amplitude', _two_amplitudes),
     (doubts.FROM_YAW, 'lateral amplitude is that of yaw through the mode shape', _spread),
     (doubts.OUTSIDE, 'motion that is not followed', outside_words),
+    (
+        doubts.REFUTED,
+        'the normal form has the limit cycle die out at this speed',
+        None,
+    ),
     (doubts.OTHER, 'steady motion that is not the hunting of the normal form', _two_frequencies),
     (doubts.CONTRARY, 'lateral and yaw sensor contradict each other', None),
     (doubts.ON_LINE, 'hunting cannot be told from a line of the roller at its frequency', None),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from decided import decided
+from decided import ROWS, decided, noise
 
+from hunt_ros.detection import doubts
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.decision import decisions, states
 from hunt_ros.detection.decision.form import form_numbers
@@ -104,3 +106,19 @@ def test_a_limit_cycle_of_a_few_noise_floors_is_found() -> None:
     speed, z = _paths(form, 0.9 * form.critical_speed, 1.05 * form.critical_speed, 100.0, 12e-6)
     hunting = np.array([np.isin(_states(form, speed, path), HUNTING) for path in z.T])
     assert hunting[:, hunting.shape[1] // 2 :].mean() > 0.95
+
+
+def test_a_limit_cycle_that_the_form_has_die_out_refutes_the_form() -> None:
+    """The probability of escape was 0 beside LIMIT CYCLE, and the margin 3."""
+    late = replace(PAPER_NORMAL_FORM, critical_speed=12.0)
+    quiet = noise(60.0, rms=8e-6)
+    path = np.abs(quiet + np.where(np.arange(quiet.size) > 20 * ROWS, 4e-4, 0.0))
+    form, memory = IdentifiedNormalForm(late), decisions.fresh_memory()
+    memory['outlook'] = OutlookTable(form).at(7.2, 1e-12, 0.1, 2e-5, 0.0)
+    rules = rules_of(DetectorConfig(), 9.6, 12.0)
+    rows = decided(path, rules, form_numbers(form), memory, speed=7.2)
+    cycle = rows[rows['state'] == State.LIMIT_CYCLE]
+    assert cycle.size > 10 * ROWS
+    assert np.isnan(cycle['escape_probability']).all()
+    assert np.isnan(cycle['margin']).all()
+    assert ((cycle['doubts'] & doubts.REFUTED) != 0).all()

@@ -49,6 +49,7 @@ class Machine:
                 RULES,
                 memory['state'],
                 memory['ratios'],
+                memory['motion'],
                 amplitude,
                 1e-6,
                 True,

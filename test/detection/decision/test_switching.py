@@ -1,0 +1,54 @@
+"""A limit cycle in strong noise: it holds because it returns, and is told by that."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from decided import ROWS, decided
+
+from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.decision.rules import rules_of
+from hunt_ros.detection.regions import State
+
+#: Without a form.
+RULES = rules_of(DetectorConfig(), math.nan, math.nan)
+#: Amplitude of the cycle, m; its quiet motion has a twelfth.
+CYCLE, QUIET = 2.4e-3, 0.2e-3
+
+
+def amplitude(seconds: float, cycles_from: float, seed: int) -> np.ndarray:
+    """Return that of a motion damped by 1/s, and from then on in a cycle, under one noise."""
+    rng, step = np.random.default_rng(seed), 1.0 / ROWS
+    shocks = QUIET * math.sqrt(step) * (rng.normal(size=(round(seconds * ROWS), 2)) @ [1.0, 1j])
+    z, path = 0j, []
+    for k, shock in enumerate(shocks):
+        growth = 1.0 - (abs(z) / CYCLE) ** 2 if k * step >= cycles_from else -1.0
+        z = z * math.exp(growth * step) + shock
+        path.append(abs(z))
+    return np.array(path)
+
+
+def test_a_cycle_a_dozen_times_as_large_as_the_noise_is_said() -> None:
+    """It stayed "not decided" for as long as it lasted: noise damped by 0.05 1/s may be large."""
+    said = 0
+    for seed in range(8):
+        rows = decided(amplitude(60.0, 30.0, seed), RULES, std=20e-6)
+        hunts = np.isin(rows['state'], (State.ESCAPING, State.LIMIT_CYCLE))
+        assert not hunts[: 30 * ROWS].any()
+        said += bool(hunts[50 * ROWS :].all())
+    assert said >= 7
+
+
+def test_noise_alone_is_no_cycle_however_strong() -> None:
+    hunts = 0
+    for seed in range(8):
+        rows = decided(amplitude(300.0, math.inf, seed), RULES, std=20e-6)
+        hunts += int(np.isin(rows['state'], (State.ESCAPING, State.LIMIT_CYCLE)).any())
+    assert hunts == 0
+
+
+def test_what_decided_stands_with_its_limit() -> None:
+    rows = decided(amplitude(60.0, 30.0, 0), RULES, std=20e-6)
+    first = rows[np.isin(rows['state'], (State.ESCAPING, State.LIMIT_CYCLE))][0]
+    assert first['log_likelihood_ratio'] >= first['log_likelihood_ratio_limit']
