@@ -381,7 +381,7 @@ def test_a_replay_is_not_taken_for_the_rig(page, live) -> None:
     assert live.calls == [('pause-replay', '')]
     live.drive = DRIVE
     page.wait_for_function('() => sections.drive')
-    assert page.is_visible('#emergency'), 'a drive listens'
+    page.wait_for_selector('#emergency')  # a drive listens
     for width, height in SIZES:
         page.set_viewport_size({'width': width, 'height': height})
         assert page.evaluate('() => document.documentElement.scrollWidth <= innerWidth')
