@@ -90,7 +90,7 @@ _SURE = 3.0
 #: only of what is no noise: not once a mark, but once a kick.
 _FALLING, _HOLDING = 2.0 / 3.0, 0.25
 #: It hunts from this posterior probability on.
-LIKELY = 0.99
+_LIKELY = 0.99
 #: An amplitude is well known when its standard deviation is below this part of it.
 _WELL_KNOWN = 0.1
 #: The amplitude of the limit cycle is followed at this pace while the speed changes, s.
@@ -137,7 +137,7 @@ def judge(
     falls = ratios['fall'] > _FALLING * rules.evidence
     holds = excess > rules.evidence and ratios['hold'] > _HOLDING * rules.evidence and not falls
     likely = excess > some and not falls and ratios['smooth'] > likelihood.SELDOM
-    likely &= switching.hunts(motion) > LIKELY
+    likely &= switching.hunts(motion) > _LIKELY
     steady = (holds and not ratios['growth'] > some) or (
         likely and motion['cycles'] > motion['grows']
     )
@@ -241,6 +241,6 @@ def tell(rules: Rules, memory: Any, ratios: Any, motion: Any, out: Any) -> None:
     limit = least * rules.evidence
     if cause in (GROWING, STEADY) and ratio < limit:  # it was the posterior probability
         hunts = min(switching.hunts(motion), 1.0 - 1e-12)
-        ratio, limit = math.log(hunts / (1.0 - hunts)), math.log(LIKELY / (1.0 - LIKELY))
+        ratio, limit = math.log(hunts / (1.0 - hunts)), math.log(_LIKELY / (1.0 - _LIKELY))
     out['log_likelihood_ratio'] = ratio
     out['log_likelihood_ratio_limit'] = limit

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.identification.likelihood.path import Path
+from hunt_ros.identification.likelihood.reading import OWN
 from hunt_ros.identification.likelihood.trajectory_fit import (
-    OWN,
     SPREADS,
     USUAL,
     LawPrior,

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.dynamics.covariance_root import inverse_of
-from hunt_ros.dynamics.growth_law import FELT, PAPER_TERMS, SATURATION, TERMS, reading
+from hunt_ros.dynamics.growth_law import FELT, PAPER_TERMS, SATURATION, TERMS
 from hunt_ros.identification.likelihood.damping_bias import damping_correction
 from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.path_likelihood import (
@@ -28,6 +28,7 @@ from hunt_ros.identification.likelihood.path_likelihood import (
     innovations,
     sensitivities,
 )
+from hunt_ros.identification.likelihood.reading import OWN, as_read, derivatives
 
 Array = NDArray[np.float64]
 #: A prior: function of the law's coefficients, expected value, standard deviation.
@@ -51,11 +52,8 @@ _REACHED = 0.05
 _BROADER = -9.0, -6.0, -3.0, 0.0
 #: Bounds of ln Q, ln R, ln phase noise: beyond them nothing changes any more.
 _LOG_LOW, _LOG_HIGH = -32.0, 5.0
-#: What a recording has of its own: logarithms of its gain and of its scale of the speed, the
-#: relative shift of its critical speed, and logarithms of its forcing Q and noise R.
-OWN = 5
-#: Spreads of these among recordings that are tried, the least of them none at all, and the scale
-#: on which a larger one is less likely beforehand.
+#: Spreads of what recordings have of their own that are tried, the least of them none at all,
+#: and the scale on which a larger one is less likely beforehand.
 SPREADS = np.array([1.0, 1.0, 1.0, 100.0, 100.0])[:, None] * np.geomspace(1e-4, 0.1, 19)
 USUAL = np.array([0.02, 0.01, 0.01, 1.0, 1.0])
 #: Farthest of these that a step of the fit tries: no two recordings of one rig differ by as much.
@@ -128,40 +126,6 @@ class TrajectoryFit:
         law: NDArray[np.float64] = self.theta[:-NOISE_TERMS] + self.correction
         law[SATURATION] = max(law[SATURATION], 0.0)  # to rounding
         return law
-
-
-def as_read(theta: Array, own: Array) -> Array:
-    """Return law and noise as the readings of a recording have them, shape (15,)."""
-    gain, speed, shift, push, noise = own.tolist()
-    read: Array = theta.copy()
-    read[0] -= shift * theta[1]
-    read[:TERMS] = reading(gain, speed) @ read[:TERMS]
-    by_speed, by_power = theta[TERMS : TERMS + 2]
-    faster = np.expm1(speed)
-    read[TERMS:-1] = (
-        by_speed * (1.0 + faster),
-        by_power * np.exp(-2.0 * gain),
-        theta[TERMS + 2] + by_speed * faster + 2.0 * gain + push,
-        theta[TERMS + 3] + noise,
-    )
-    return read
-
-
-def _derivatives(theta: Array, own: Array) -> Array:
-    """Return those of `as_read` by theta and by what the recording has, shape (15, 15 + 5)."""
-    matrix = np.zeros((theta.size, theta.size + OWN))
-    matrix[:TERMS, :TERMS] = reading(own[0], own[1])
-    matrix[:TERMS, 1] -= own[2] * matrix[:TERMS, 0]
-    faster = np.expm1(own[1])
-    noise = np.arange(TERMS, theta.size)
-    matrix[noise, noise] = 1.0 + faster, np.exp(-2.0 * own[0]), 1.0, 1.0, 1.0
-    matrix[TERMS + 2, TERMS] = faster
-    for k in range(OWN):
-        step = 1e-6 * np.eye(OWN)[k]
-        matrix[:, theta.size + k] = (
-            as_read(theta, own + step) - as_read(theta, own - step)
-        ) / 2e-6
-    return matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,7 +256,7 @@ class Problem:
             read, way = as_read(theta, one), np.eye(n, n + OWN)
             out, by_read = sensitivities(read, part, self.varied)
             by_read = np.concatenate([by_read, by_growth(read, part, inside, count)])
-            way[: theta.size, kept] = _derivatives(theta, one)
+            way[: theta.size, kept] = derivatives(theta, one)
             way[: theta.size, : theta.size] *= self.varied
             # Chain rule on the sums over windows: what a window says is never widened itself.
             e, d_e, d_l = out[:, :2], by_read[..., :2], by_read[..., 2:]
