@@ -19,8 +19,8 @@ from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 _POINT = '() => shown.point || []'
 SIZES = ((390, 844), (820, 1180), (844, 390), (1366, 650), (1920, 1080), (3840, 2160))
 _LONG = (
-    'limit cycle for 12.3 s: full hunting of 0.709 mm at 7.24 m/s, it grew 16.2 times as likely as'
-    ' not'
+    'limit cycle for 12.3 s, at first: full hunting of 0.709 mm at 7.24 m/s, it grew 16.2 times as'
+    ' likely as not'
 )
 
 
@@ -59,14 +59,14 @@ def test_the_point_moves_the_alarm_shows_and_nothing_fails(page, live) -> None:
     )
     live.status |= {
         'speed_mps': '7.5', 'amplitude_m': '6e-04', 'level': 'ERROR', 'state': 'limit_cycle',
-        'message': 'limit cycle for 2 s: it grew; low margin', 'alarm': 'True',
+        'message': 'limit cycle for 2 s, at first: it grew; low margin', 'alarm': 'True',
     }  # fmt: skip
     word(page, 'ERROR')
     page.wait_for_function(
         f'() => {{ const p = ({_POINT})(); return p[0] === 7.5 && p[1] === 0.6; }}'
     )
     assert 'limit cycle' in page.inner_text('#state')
-    assert page.inner_text('#why') == 'limit cycle for 2 s: it grew'
+    assert page.inner_text('#why') == 'limit cycle for 2 s, at first: it grew'
     assert 'ALARM NOT ACKNOWLEDGED' in page.inner_text('#more')
     # The point is drawn with the words, the rest as often as this machine can.
     page.wait_for_function('() => shown.stable > 50')

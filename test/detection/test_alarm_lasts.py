@@ -206,7 +206,7 @@ def test_the_status_says_why_and_since_when_with_its_numbers() -> None:
     assert status.level is Level.ERROR
     # The sentence of the moment at which it was said, and for how long it has lasted.
     lasted = 1e-9 * (status.stamp_ns - cycle.since_ns)
-    assert status.reasons[0] == f'limit cycle for {lasted:.1f} s: {cycle.cause}'
+    assert status.reasons[0] == f'limit cycle for {lasted:.1f} s, at first: {cycle.cause}'
     assert status.values['test'] == cycle.test
     assert status.values['since_s'] == seconds_text(escape.stamp_ns)
     assert status.values['state_since_s'] == seconds_text(cycle.since_ns)

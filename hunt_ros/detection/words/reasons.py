@@ -70,7 +70,8 @@ def reasons_of(row: np.void, basis: Basis, decided: str = '') -> tuple[str, ...]
     lasted = 1e-9 * (int(row['stamp_ns']) - int(row['state_since_ns']))
     # Where a clock was set back, the state began on the one before.
     lasting = f' for {lasted:.1f} s' if lasted >= 0.0 else ''
-    why = f'{lasting}: {decided}' if decided else ''
+    # The numbers are those of the decision, which the ones beside them have left behind since.
+    why = f'{lasting}, at first: {decided}' if decided else ''
     if state in _HUNTING:
         time = float(row['time_to_limit_cycle'])
         soon = state is State.ESCAPING and time >= _SOON_S
