@@ -34,6 +34,7 @@ from hunt_ros.identification.preparation import (
 )
 from hunt_ros.identification.record.channels import runs as spans
 from hunt_ros.identification.record.envelope import (
+    STEP_CYCLES,
     WINDOW_CYCLES,
     WINDOW_OVERLAP,
     WINDOW_REACH,
@@ -378,6 +379,7 @@ def _path(
         blur=WINDOW_VARIANCE * half**2,
         reach=WINDOW_REACH * half,
         overlap=WINDOW_OVERLAP,
+        turn=2.0 * math.pi * STEP_CYCLES,
         line=np.concatenate([_line(run.envelope) for run in runs]) / scales.amplitude**2,
         recording=recording,
         hold_std=hold_std / scales.speed,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -31,6 +32,8 @@ class Path:
         Mean distance of two instants of such a window, s.
     overlap : float
         Correlation of the noise of neighbouring windows, below 1/2.
+    turn : float
+        Angle by which the hunting turns in a step, rad.
     line : ndarray, shape (n,), optional
         Power (B / A_ref)^2 of the lines that the roller forces on y beside hunting.
     recording : ndarray of int, shape (n,), optional
@@ -49,6 +52,7 @@ class Path:
     blur: float = 0.0
     reach: float = 0.0
     overlap: float = 0.0
+    turn: float = math.inf
     line: NDArray[np.float64] | None = None
     recording: NDArray[np.int64] | None = None
     hold_std: float = 0.0
@@ -67,6 +71,27 @@ class Path:
         traces = {name: getattr(self, name)[place] for name in ('time', 'u', 'phasor', 'restart')}
         line = None if self.line is None else self.line[place]
         return replace(self, **traces, line=line, recording=None)
+
+    @cached_property
+    def beyond(self) -> NDArray[np.float64]:
+        """
+        Variance of the second order of averaging on the way to each instant, shape (n,).
+
+        It is A g dg/d(ln A) / omega a second, A times the second difference of ln A over the
+        angle of a step, seen at both ends. By the path and not by the law, which would bend to
+        explain noise by it.
+
+        References
+        ----------
+        Sanders, J. A., Verhulst, F., Murdock, J. (2007), Averaging Methods in Nonlinear Dynamical
+        Systems, Sect. 2.9.
+        """
+        size = np.abs(self.phasor)
+        log = np.log(np.where(size > 0.0, size, np.nan))
+        bend = np.nan_to_num(np.pad(np.diff(log, 2), 1)) ** 2
+        bend[1:] = 0.5 * (bend[1:] + bend[:-1])
+        found: NDArray[np.float64] = np.nan_to_num(size) ** 2 * bend / self.turn**2
+        return found
 
     @cached_property
     def starts(self) -> NDArray[np.bool_]:

@@ -9,6 +9,10 @@ compare it with the measurement. Without process noise (Q = 0) this is the traje
 nonlinear least squares with a free initial amplitude for each segment; with it the random walk
 that throws a rig out of the quiet state, and the quiet motion before, are part of the model, so
 that nothing is selected by its outcome. The derivatives by law and noise are carried along.
+
+The law is that of the motion averaged over a cycle, right to first order of growth rate over
+angular frequency: what grows fast leaves it, and a jump overshoots the limit cycle. The size of
+the second order (`Path.beyond`) counts as an error of each step.
 """
 
 from __future__ import annotations
@@ -175,6 +179,7 @@ def _walk(
     imag: F1,
     line: F1,
     extra: F1,
+    beyond: F1,
     starts: B1,
     window: F1,
     lanes: I1,
@@ -257,7 +262,7 @@ def _walk(
         mean_r, mean_by_r = _mean_exp(2.0 * log_r)
         mean_t, mean_by_t = _mean_exp(2.0 * log_t)
         turning = jitter * amplitude * amplitude
-        m_r = pow_r * p_r + q * dt * mean_r
+        m_r = pow_r * p_r + q * dt * mean_r + beyond[k]
         m_t = pow_t * p_t + q * dt * mean_t + turning * dt
         gain, gain_by = _blurred(p, u[k], amplitude, line[k], blur, sensitive, edge)
         n_r = c * e_re + s * e_im
@@ -483,6 +488,7 @@ def _run(
         np.ascontiguousarray(path.phasor.imag),
         np.zeros(path.time.size) if path.line is None else path.line,
         np.zeros(path.time.size) if path.extra is None else path.extra,
+        path.beyond,
         path.starts,
         np.array([path.blur, path.reach, _shared(path.overlap)]),
         lanes,

@@ -133,6 +133,7 @@ def test_the_derivatives_are_those_of_the_innovations():
         blur=0.03,
         reach=0.2,
         overlap=0.09,
+        turn=9.4,
         line=0.01 * (1.0 + np.cos(np.arange(n) / 9.0)),
     )
     law = LAW.copy()
