@@ -8,12 +8,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from foreign_made import RECORDINGS, RIGS
-from made import LAW, SCALES, changed
+from made import LAW, SCALES, changed, rig_settings
 from records_made import held_speeds
 from scipy import stats
 
 from hunt_ros.dynamics.growth_law import GrowthLaw
 from hunt_ros.dynamics.normal_form import NormalForm
+from hunt_ros.dynamics.parameters import paper_rig
+from hunt_ros.dynamics.profile import Corners, Profile
+from hunt_ros.dynamics.simulation import Kick, simulate
 from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.fit import FittedLaw, law_prior
 from hunt_ros.identification.likelihood.path import Path
@@ -119,3 +122,12 @@ def test_a_limit_cycle_that_no_form_follows_does_not_bend_the_critical_speed() -
         for seed in seeds:
             result = identify([_stairs(seed, wave)])
             assert abs(result.v_c.value - 8.0) < 3.0 * result.v_c.std
+
+
+def test_a_jump_that_overshoots_is_no_lack_of_fit():
+    """A law of one amplitude, averaged over a cycle, does not overshoot: by 1.5 % a rig does."""
+    times, speeds = (0.0, 10.0, 250.0, 275.0, 515.0, 530.0), (6.0, 6.0, 8.8, 8.8, 6.0, 6.0)
+    sweep, rig = Profile((Corners(times, speeds),)), rig_settings(200.0, roughness=())
+    kicks = [Kick(60.0, lateral_m=1e-4), Kick(120.0, lateral_m=1e-4), Kick(160.0, lateral_m=8e-5)]
+    records = [simulate(paper_rig(), rig, sweep, kicks=kicks, seed=seed) for seed in (1, 3, 6, 9)]
+    assert sum(identify(record).fit.lack_of_fit for record in records) <= 1
