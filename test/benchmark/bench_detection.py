@@ -498,22 +498,7 @@ def measured(found: Namespace, pool: Executor) -> str:
         ' wheelsets which go on from the same motion under other noise.\n\n'
         + markdown(['goal', 'wanted', 'measured', 'met'], rows)
     )
-    return '\n\n'.join([text, *tables, FALLS_SHORT])
-
-
-FALLS_SHORT = (
-    'What falls short: what is asked for 0.4 s after a kick, above all on the rig of 14 m/s,'
-    ' whose period is 0.5 s. A kick excites the second mode too, which is guessed until it has'
-    ' died: P is too unsure there, not too sure, for near the unstable branch the amplitude is off'
-    ' by half of its deviation (2.3 % for 4.5 %; 14 m/s: 4.3 % for 7.9 %). A guess that is surer'
-    ' would not be honest: for 294 wheelsets of other creep, conicity, inertia and suspension its'
-    ' eigenvalue is off by 86 % in the median, and is given a deviation of 50 %. The detector of'
-    ' 0.2.0 was told that mode exactly here, which no recording gives: on 144 of these kicks it'
-    ' says `escaping` after 0.13 s (95 %: 0.19 s), and errs in 4.0 % after 0.4 s. Told nothing of'
-    ' it, it does as this one: 0.32 s (0.46 s) and 7.3 %, both; on the rig of 14 m/s 0.51 s and'
-    ' 18.1 %, with 5 of 58 alarms false. With the lateral sensor dead and no mode shape the'
-    ' amplitude is up to 6 % off, or unknown.'
-)
+    return '\n\n'.join([text, *tables])
 
 
 if __name__ == '__main__':

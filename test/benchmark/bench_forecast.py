@@ -203,11 +203,7 @@ def measured(arguments: Namespace, pool: Executor) -> str:
         f' priors, on all bins. {seeds} seeds for the first two and the supercritical rig, half of'
         ' them for the rest.'
         ' Goals: median error 2.5 % (wheelset) and 4 % (smooth), spread at most 1.5 times the'
-        ' bound, 90 to 99 % covered. What falls short: far from v_c the smooth law often has no'
-        ' answer yet, and the answers it gives lie low (runs whose spectra happened to sharpen'
-        ' early are the ones that answer), the last column says how often their intervals'
-        ' hold; beyond v_c of the supercritical rig those of the wheelset law hold in less than'
-        ' 90 %.\n\n' + markdown(header, rows)
+        ' bound, 90 to 99 % covered.\n\n' + markdown(header, rows)
     )
 
 

@@ -7,18 +7,15 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
-from bench_forecast import other_rig
+from detection_rigs import BENCHES
 from foreign_made import RECORDINGS, RIGS
 from made import up_and_down, without
 from records_made import rig_settings
 from tables import mapped, markdown
 
-from hunt_ros.dynamics.limit_cycle import limit_cycles
-from hunt_ros.dynamics.linear_stability import critical_speed
-from hunt_ros.dynamics.parameters import RigParameters, paper_rig
+from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Corners, Hold, Profile
 from hunt_ros.dynamics.simulation import simulate
 from hunt_ros.errors import HuntError
@@ -27,37 +24,25 @@ from hunt_ros.samples import Record, Uncertain
 
 #: Where the unstable amplitude is compared, as a share of the hysteresis region above v_n.
 _SHARES = (0.3, 0.6)
-
-
 #: v_c and v_n, m/s, and the unstable amplitude, m, at speeds between them.
 Truth = tuple[float, float | None, Mapping[float, float]]
 
 
-def between(v_n: float, v_c: float) -> list[float]:
-    """Return speeds inside the hysteresis region, m/s."""
-    return [v_n + share * (v_c - v_n) for share in _SHARES]
+def truth_of(key: str) -> Truth:
+    """Return that of the full model of a rig on the bench, without noise."""
+    bench = BENCHES[key]
+    v_c, v_n = bench.v_c, bench.branch.nonlinear_critical_speed
+    between = [] if v_n is None else [v_n + share * (v_c - v_n) for share in _SHARES]
+    return v_c, v_n, {speed: bench.unstable(speed) for speed in between}
 
 
-def truth_of_rig(rig: RigParameters) -> Truth:
-    """Return that of the full model without noise."""
-    v_c, branch = critical_speed(rig), limit_cycles(rig)
-    v_n = branch.nonlinear_critical_speed
-    if v_n is None:
-        return v_c, None, {}
-    unstable = {}
-    for speed in between(v_n, v_c):
-        at = branch.at_speed(speed)
-        unstable[speed] = float(at.amplitude[~at.stable][0])
-    return v_c, v_n, unstable
-
-
-def steps(rig: RigParameters, seed: int, low: float, high: float, rise: float) -> Record:
+def steps(key: str, seed: int, low: float, high: float, rise: float) -> Record:
     """Staircase of 25 s a step up and down; roughness and noise grow with the rig."""
-    size = rig.half_gauge_m / paper_rig().half_gauge_m
-    settings = rig_settings(3e-5 * size)
-    sensor = replace(settings.lateral_sensor, noise=5e-6 * size)
+    bench = BENCHES[key]
+    settings = rig_settings(3e-5 * bench.scale)
+    sensor = replace(settings.lateral_sensor, noise=5e-6 * bench.scale)
     profile = up_and_down(np.arange(low, high + 0.5 * rise, rise), 25.0)
-    return simulate(rig, replace(settings, lateral_sensor=sensor), profile, seed=seed)
+    return simulate(bench.rig, replace(settings, lateral_sensor=sensor), profile, seed=seed)
 
 
 def seldom_hunting(seed: int) -> Record:
@@ -68,8 +53,6 @@ def seldom_hunting(seed: int) -> Record:
     return simulate(paper_rig(), rig_settings(), profile, seed=seed)
 
 
-SOFT = replace(paper_rig(), name='supercritical', beta={'30': -446.87, '50': -2.74748e6})
-_PAPER = cache(lambda: truth_of_rig(paper_rig()))
 _STAIRS = (6.0, 8.8, 0.2)
 
 #: Rigs and ways of recording, tried with several seeds: name, from a seed to the recordings, what
@@ -77,21 +60,21 @@ _STAIRS = (6.0, 8.8, 0.2)
 CASES: tuple[tuple[str, Callable[[int], object], Callable[[], Truth], dict[str, float]], ...] = (
     (
         'staircase at 200 Hz, lateral and speed only',
-        lambda seed: without(steps(paper_rig(), seed, *_STAIRS), 'roller', 'yaw'),
-        _PAPER,
+        lambda seed: without(steps('paper', seed, *_STAIRS), 'roller', 'yaw'),
+        lambda: truth_of('paper'),
         {},
     ),
     (
         'rig of 14 m/s and 2 Hz',
-        lambda seed: steps(other_rig(), seed, 10.5, 15.4, 0.35),
-        cache(lambda: truth_of_rig(other_rig())),
+        lambda seed: steps('14 m/s', seed, 10.5, 15.4, 0.35),
+        lambda: truth_of('14 m/s'),
         {},
     ),
-    ('a rig that hunts 2 % of its time', seldom_hunting, _PAPER, {}),
+    ('a rig that hunts 2 % of its time', seldom_hunting, lambda: truth_of('paper'), {}),
     (
         'supercritical rig',
-        lambda seed: steps(SOFT, seed, *_STAIRS),
-        cache(lambda: truth_of_rig(SOFT)),
+        lambda seed: steps('supercritical', seed, *_STAIRS),
+        lambda: truth_of('supercritical'),
         {},
     ),
     *(
@@ -144,9 +127,9 @@ def accuracy(numbers: Sequence[Uncertain | None], truth: float | None) -> list[s
 def others(count: int, pool: Executor) -> str:
     """Return the table of the cases, `count` seeds each."""
     rows = []
-    for number, (name, _, truth_of, _) in enumerate(CASES):
+    for number, (name, _, truth, _) in enumerate(CASES):
         found = mapped(pool, name, one, [(number, seed) for seed in range(count)])
-        v_c, v_n, unstable = truth_of()
+        v_c, v_n, unstable = truth()
         results = [each for each in found if isinstance(each, Identification)]
         held = [each for result in results for each in inside(result, unstable)]
         kinds = Counter(getattr(each, 'criticality', None) or 'not known' for each in found)
