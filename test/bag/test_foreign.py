@@ -451,7 +451,9 @@ def test_a_clock_that_is_set_back_changes_no_order_and_is_told(tmp_path, steps, 
     np.testing.assert_array_equal(record['lateral'].values, np.sin(0.2 * np.arange(400.0)))
     told = 'a clock was set back by 3599.990 s'  # by identify, plan and report too
     assert (record.notes.get('problems') == told) == (steps != 'log')
-    assert any('clock_jump: /rig/lateral' in text for text in problems(tmp_path / 'a.mcap'))
+    jumps = [one for one in inspect(tmp_path / 'a.mcap').problems if one.kind == 'clock_jump']
+    assert [one.text.partition(':')[0] for one in jumps] == ['/rig/lateral', '/rig/speed']
+    assert jumps[0].time_s == pytest.approx(3599.99)
     if steps != 'log':
         assert main(['check', str(tmp_path / 'a.mcap')]) == 1
         assert 'the clock jumps back by 3599.990 s' in capsys.readouterr().out

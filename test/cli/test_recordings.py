@@ -43,8 +43,9 @@ def test_info_of_a_sound_recording(bag: Path, capsys) -> None:
     assert document['messages'] == 2000
     assert document['notes'] == {'rig': 'a', 'operator': 'b'}
     assert document['problems'] == []
-    (lateral,) = (topic for topic in document['topics'] if topic['name'] == '/rig/lateral')
-    assert lateral['rate_hz'] == pytest.approx(100.0)
+    rates = {topic['name']: topic['rate_hz'] for topic in document['topics']}
+    assert list(rates) == ['/rig/lateral', '/rig/roller', '/rig/speed', '/rig/yaw']
+    assert rates['/rig/lateral'] == pytest.approx(100.0)
 
 
 def test_info_repairs_what_cannot_even_be_opened_in_full(
