@@ -78,15 +78,6 @@ def test_an_emergency_stop_is_not_ramped_and_never_speeds_the_roller_up() -> Non
     assert _command().trip(2.0, math.nan, stop=True) == 2.0
 
 
-def test_after_a_rearm_nothing_moves_by_itself() -> None:
-    command = _command()
-    command.start()
-    _next(command, 0.5)
-    command.trip(0.0, 0.5, stop=True)
-    command.rearm()
-    assert {_next(command, 0.5, 0.5) for _ in range(5)} == {0.0}
-
-
 def test_a_climb_does_not_go_on_behind_a_trip() -> None:
     command = _command(Climb(0.5, 2.0))
     seen = Motion(amplitude_m=0.0, held_mps=0.5, held_s=3.0)
