@@ -18,12 +18,12 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from tables import asked, markdown, publish  # isort: skip
-from bags_made import compressed, write_rosbags  # isort: skip
+from bags_made import compressed, make_record, write_rosbags  # isort: skip
+from made import PAPER, record_of, without  # isort: skip
 
 from hunt_ros.bag import read_columns, read_record, write_record
-from hunt_ros.samples import Record, Series
+from hunt_ros.samples import Record
 
-BEGIN_NS = 1_700_000_000_000_000_000
 STORE = get_typestore(Stores.ROS2_JAZZY)
 COLUMNS = ['a=/rig/lateral', 'b=/rig/yaw']
 
@@ -38,32 +38,14 @@ def timed(work: Callable[[], object], repeats: int = 1) -> float:
     return best
 
 
-def two_channels(count: int) -> Record:
-    """Two JointState channels of `count` messages each, 84 bytes a message."""
-    rng = np.random.default_rng(1)
-    stamps = BEGIN_NS + np.arange(count) * 1_000_000
-    return Record(
-        {
-            'lateral': Series(stamps, rng.normal(size=count)),
-            'yaw': Series(stamps + 500, rng.normal(size=count)),
-        }
-    )
-
-
 def three_channels(seconds: float) -> Record:
     """An hour, say, of lateral, yaw and speed at 1 kHz, as a quiet rig."""
     rng = np.random.default_rng(2)
-    count = round(seconds * 1000)
-    time_s = np.arange(count) / 1000.0
-    stamps = BEGIN_NS + np.arange(count) * 1_000_000
+    time_s = 1.0 + np.arange(round(seconds * 1000)) / 1000.0
     wave = 1e-4 * np.sin(2 * np.pi * 2.8 * time_s)
-    return Record(
-        {
-            'lateral': Series(stamps, wave + 5e-6 * rng.standard_normal(count)),
-            'yaw': Series(stamps, 5.0 * wave + 2e-5 * rng.standard_normal(count)),
-            'speed': Series(stamps, 6.0 + 2.8 * time_s / seconds),
-        }
-    )
+    lateral = wave + 5e-6 * rng.standard_normal(time_s.size)
+    yaw = 5.0 * wave + 2e-5 * rng.standard_normal(time_s.size)
+    return record_of(time_s, lateral=lateral, yaw=yaw, speed=6.0 + 2.8 * time_s / seconds)
 
 
 def rosbags_raw(path: Path) -> int:
@@ -90,7 +72,7 @@ def mcap_raw(path: Path) -> int:
 
 def compare(folder: Path, count: int) -> tuple[list[list[object]], dict[str, float]]:
     """Columns, raw iteration and deserialisation for each compression, and for SQLite."""
-    record = two_channels(count)
+    record = without(make_record(count / 1000.0), 'roller', 'speed')
     rows: list[list[object]] = []
     ratios: dict[str, float] = {}
     for compression in ('', 'lz4', 'zstd', 'SQLite'):
@@ -124,12 +106,13 @@ def hour(folder: Path, seconds: float) -> list[list[object]]:
     from hunt_ros.detection import DetectorConfig, HuntingDetector
     from hunt_ros.detection.offline import collect, config_for
     from hunt_ros.detection.replay import watch
-    from hunt_ros.dynamics.identified import IdentifiedNormalForm
-    from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+
+    def replay(record: Record) -> None:
+        config, _ = config_for(record, DetectorConfig())
+        collect(watch(record, HuntingDetector(config, PAPER), lambda fraction: None))
 
     record = three_channels(seconds)
     rows: list[list[object]] = []
-    form = IdentifiedNormalForm(PAPER_NORMAL_FORM)
     for compression in ('', 'zstd'):
         name = compression or 'none'
         path = folder / f'hour_{name}'
@@ -140,14 +123,8 @@ def hour(folder: Path, seconds: float) -> list[list[object]]:
         rows.append([f'write_record, {name}', written, seconds / written])
         rows.append([f'read_record, {name}', reading, seconds / reading])
         if compression:
-            short = record.between(BEGIN_NS, BEGIN_NS + 5 * 10**9)
-            config, _ = config_for(short, DetectorConfig())
-            collect(watch(short, HuntingDetector(config, form), lambda fraction: None))
-            begin = time.process_time()
-            again = read_record(path)
-            config, _ = config_for(again, DetectorConfig())
-            collect(watch(again, HuntingDetector(config, form), lambda fraction: None))
-            replayed = time.process_time() - begin
+            replay(record.between(0, 6 * 10**9))  # compiled, or loaded
+            replayed = timed(lambda path=path: replay(read_record(path)))
             rows.append([f'replay with the detector, {name}', replayed, seconds / replayed])
         shutil.rmtree(path)
     return rows
