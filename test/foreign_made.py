@@ -13,9 +13,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from made import record_of
 from numba import njit
 
-from hunt_ros.samples import Record, Series
+from hunt_ros.samples import Record
 
 #: kg, kg m^2 and half the gauge, m; stiffness of y over that of yaw, in squares of frequencies.
 _MASS, _INERTIA, _GAUGE, _LATERAL = 1.0, 0.25, 0.5, 0.34**2
@@ -139,15 +140,10 @@ def recorded(
     count = math.ceil(50.0 * rig.hertz * step)
     moved = _motion(np.zeros(4), speed, impulse, lines, phases, step, count, p)
     states, angle, speed = (one[-time.size :] for one in (*moved, speed))
-    stamps = np.round(1e9 * time).astype(np.int64)
     sizes = {'lateral': (states[:, 0], noise * rig.size), 'yaw': (states[:, 2], noise * turn),
              'speed': (speed, 1e-4 * rig.v_c), 'roller': (angle, 0.0)}  # fmt: skip
-    return Record(
-        {
-            name: Series(stamps, values + std * rng.standard_normal(time.size))
-            for name, (values, std) in sizes.items()
-        }
-    )
+    noisy = {n: v + std * rng.standard_normal(time.size) for n, (v, std) in sizes.items()}
+    return record_of(time, **noisy)
 
 
 def _passage(

@@ -129,12 +129,6 @@ def test_a_rig_that_cannot_be_is_one_line(bag, tmp_path, capsys, text, section, 
         assert str(path) in line or str(bag) in line or 'channel' in line
 
 
-def test_a_slip_in_the_section_of_the_detector_is_told(bag, tmp_path, capsys) -> None:
-    path = _file(tmp_path, 'alarm_lateral: 1.0', 'hunting_detector')
-    assert main(['replay', str(bag), '--rig', str(path)]) == 2
-    assert 'unknown alarm_lateral, expected alarm_lateral_mm' in capsys.readouterr().err
-
-
 def test_the_sources_of_a_rig_need_no_option(bag, tmp_path) -> None:
     path = _file(tmp_path, 'sources: ["lateral=/rig/lateral.position[0]*1000"], rig_name: rig A')
     assert main(['export', str(bag), str(tmp_path / 'out.csv'), '--rig', str(path)]) == 0

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from made import python
-from scipy.integrate import quad
 
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.errors import ConfigError
@@ -98,15 +97,6 @@ def test_at_the_fold_both_branches_meet(form: NormalForm) -> None:
     assert float(slope[0]) * form.time_scale == pytest.approx(0.0, abs=1e-6)
     np.testing.assert_allclose(form.steady_amplitudes(above), amplitude, rtol=5e-2)
     assert np.isnan(form.steady_amplitudes(speed - 1e-7 * form.critical_speed)).all()
-
-
-@pytest.mark.parametrize(('speed', 'seconds', 'digits'), [(8.2, 13, 0), (8.8, 5.5, 1)])
-def test_time_to_grow_is_that_of_the_readme(speed, seconds, digits) -> None:
-    form = PAPER_NORMAL_FORM
-    end = 0.9 * float(form.stable_amplitude(speed))
-    ends = math.log(0.05e-3), math.log(end)
-    time, _ = quad(lambda x: 1.0 / float(form.growth_rate(speed, math.exp(x))), *ends)
-    assert round(time, digits) == seconds
 
 
 def test_a_supercritical_form_has_no_fold_and_no_unstable_branch() -> None:

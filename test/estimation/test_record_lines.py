@@ -11,7 +11,6 @@ from hunt_ros.dynamics.profile import Corners, Profile
 from hunt_ros.dynamics.simulation import Kick, simulate
 from hunt_ros.estimation.record_lines import RecordLines
 from hunt_ros.estimation.record_motion import motion_of, turns_per_metre
-from hunt_ros.samples import Record, Series
 
 
 @pytest.mark.parametrize('speed', [6.8, 7.4])
@@ -89,11 +88,5 @@ def test_the_way_of_a_gap_is_not_guessed(wraps: bool) -> None:
     angle = np.cumsum(speed) * 0.01 / 0.15
     angle = angle % (2.0 * np.pi) if wraps else angle
     there = np.abs(time - 59.0) > 10.0
-    stamps = 1 + np.rint(time * 1e9).astype(np.int64)
-    record = Record(
-        {
-            'roller': Series(stamps[there], angle[there]),
-            'speed': Series(stamps[there], speed[there]),
-        }
-    )
+    record = record_of(time[there], roller=angle[there], speed=speed[there])
     assert turns_per_metre(record, 0.0) == pytest.approx(1.0 / (0.3 * np.pi), rel=1e-3)

@@ -116,7 +116,8 @@ def test_a_kick_is_no_jump(make):
     assert result.observed.v_c is None
     assert result.bracket.began is None
     assert len(result.bracket.kicks) == 1
-    assert result.criticality == 'subcritical'
+    assert (result.criticality, result.supercritical_probability) == ('subcritical', 0.0)
+    assert result.hysteresis_below is None
 
 
 def test_a_law_that_contradicts_what_was_seen_is_named(make):

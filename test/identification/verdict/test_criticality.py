@@ -65,14 +65,6 @@ def test_next_to_the_border_of_both_the_probability_is_one_and_the_bound_holds(m
         assert sum(width_of(rig(D4)) > bound for bound in bounds) <= 1
 
 
-def test_rest_and_a_limit_cycle_at_one_speed_leave_no_probability(make):
-    speed = lambda t: np.interp(t, [0, 60, 61, 200], [6.9, 6.9, 7.2, 7.2])  # noqa: E731
-    found = identify([make(speed, 200.0, 3, forcing=4e-6, kicks=[(100.0, 5e-4)])])
-    assert found.criticality == 'subcritical'
-    assert found.supercritical_probability == 0.0
-    assert found.hysteresis_below is None
-
-
 def test_where_rest_and_a_limit_cycle_were_seen_v_n_needs_no_critical_speed(make):
     """Kicks that die, one that stays, and down until the limit cycle ends: nothing near v_c."""
     speeds, hold = [5.8, 6.2, 6.6, 7.2, 7.6, 7.2, 6.8, 6.5, 6.2], 40.0
