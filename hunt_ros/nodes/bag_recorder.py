@@ -40,8 +40,7 @@ from hunt_ros.nodes.support.conversions import message_class
 from hunt_ros.nodes.support.diagnostics import Health, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import ESTIMATES
 from hunt_ros.nodes.support.hearing import Calls, Missed, waiting
-from hunt_ros.nodes.support.node import SuiteNode
-from hunt_ros.nodes.support.parameter_collector import ParameterCollector
+from hunt_ros.nodes.support.node import PARAMETERS, SuiteNode
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import JOURNAL, MEASUREMENTS, latched, stream
 from hunt_ros.nodes.support.worker import Worker, answer_aside
@@ -72,9 +71,10 @@ LATCHED_TOPICS: dict[str, str] = {
 #: Of the whole graph, recorded beside the namespace of the rig.
 GLOBAL_TOPICS = ('/diagnostics', '/parameter_events', '/rosout')
 OWN_TOPIC = 'recording/closed'
-#: Not recorded: it would name the recording in itself; and what is said with calls, for what
-#: comes of it is, and who calls waits until the node that is meant hears it, not a recorder.
-_LEFT_OUT = (OWN_TOPIC, *{f'{service.node}/calls' for service in SERVICES.values()})
+#: Not recorded: it would name the recording in itself; parameters, which stand beside the
+#: messages; and what is said with calls, for what comes of it is, and who calls waits until the
+#: node that is meant hears it, not a recorder.
+_LEFT_OUT = (OWN_TOPIC, PARAMETERS, *{f'{service.node}/calls' for service in SERVICES.values()})
 #: How many messages of a latched topic its publisher keeps for who comes late; of the log the
 #: last lines. The graph does not tell it of a topic that is not of the design.
 _LATCHED_KEPT = {
@@ -83,6 +83,8 @@ _LATCHED_KEPT = {
     '/rosout': 100,
 }
 _FOREIGN_KEPT = 1000
+#: So many nodes may tell their parameters at once.
+_NODES = 100
 #: What a reader missed is sent again after the heartbeat of its writer, every 3 s by default. One
 #: may be lost, or come late where the machine is busy: two are waited for, s, counted while the
 #: node listens.
@@ -180,7 +182,8 @@ class BagRecorderNode(SuiteNode):
         self._mark = self.create_publisher(String, _MARK_TOPIC, stream(10))
         self._calls = Calls(self)
         failed = self._diagnostics.failed
-        self._collector = ParameterCollector(self, failed, self._note_parameters)
+        self._parameter_files: dict[str, str] = {}  # by full name of the node
+        self.create_subscription(String, PARAMETERS, self._on_parameters, latched(_NODES))
         #: A recording is wanted, and tried again at this time where it cannot be, steady clock.
         self._wanted, self._again_s = self._config.autostart, 0.0
         self._events_name = self._full('hunting/events')
@@ -202,11 +205,9 @@ class BagRecorderNode(SuiteNode):
         Worker(failed, 'closing earlier recordings', self._finalise)
         self.create_timer(_ROUND_S, self._round, clock=steady_clock())
         self.create_timer(_LOOK_S, self._look_around, clock=steady_clock())
-        self._collector.start()
 
     def close(self) -> None:
         """Take what has arrived, and close the recording."""
-        self._collector.close()
         self._answers.close(0.0)
         try:
             with self._busy:  # a service has taken it away before this, or finds none
@@ -237,7 +238,7 @@ class BagRecorderNode(SuiteNode):
             raise
         self._diagnostics.done(_TASK)
         self._recording, self._began_s = recording, time.monotonic()
-        self._collector.ask_again()
+        recording.note('parameters', self._parameter_files)
         for topic in self._topics.values():
             topic.key = recording.topic(topic.name, topic.kind, latched=topic.is_latched)
             for raw in topic.said:
@@ -372,11 +373,13 @@ class BagRecorderNode(SuiteNode):
             recording = self._recording or self._finishing
             return recording.path if recording else None
 
-    def _note_parameters(self, node: str, text: str) -> None:
-        """Write a node's parameters into the recording (in the collector's thread)."""
+    def _on_parameters(self, message: String) -> None:
+        """Keep what a node tells of its parameters, for this recording and later ones."""
+        node = message.data.partition(':')[0]
         with self._busy:
+            self._parameter_files[node] = message.data
             if self._recording is not None:
-                self._recording.note('parameters', {node: text})
+                self._recording.note('parameters', {node: message.data})
 
     def _finalise(self, stopping: threading.Event) -> None:
         """Close what a killed recorder left."""

@@ -7,16 +7,17 @@ import os
 import shutil
 import signal
 import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import yaml
 from bags_made import written
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from processes import joint
 from rclpy.duration import Duration
-from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu, JointState
@@ -26,6 +27,7 @@ from std_srvs.srv import Trigger
 from hunt_ros.bag import Bag, clips, read_columns, read_record
 from hunt_ros.bag.messages import read_statuses, read_texts
 from hunt_ros.bag.recording import RecordingState
+from hunt_ros.errors import BagError
 from hunt_ros.nodes import bag_recorder
 from hunt_ros.nodes.support.conversions import diagnostic, twist
 from hunt_ros.nodes.support.qos import JOURNAL, latched
@@ -47,23 +49,33 @@ def stopped(graph) -> Path:
     return Path(answer.message)
 
 
-def test_a_node_that_is_still_starting_is_asked_again(graph, monkeypatch) -> None:
-    asked: list[None] = []
-    answer_with = graph.node.list_parameters
-    monkeypatch.setattr(
-        graph.node, 'list_parameters', lambda *words: asked.append(None) or answer_with(*words)
-    )
-    graph.node.declare_parameter('early', 1)
-    graph.node.declare_parameter('empty', Parameter.Type.DOUBLE_ARRAY)
-    start(graph)
-    graph.spin_until(lambda: asked)
-    graph.node.declare_parameter('late', 2)
-    count = len(asked)
-    graph.spin_until(lambda: len(asked) > count + 1)  # so the answers of the one before are there
-    with Bag(stopped(graph)) as opened:
-        text = dict(opened.strings('parameters'))['/rig/probe']
-    assert 'early: 1' in text
-    assert 'late: 2' in text
+def test_parameters_stand_in_the_recording_as_they_are_and_as_they_become(graph) -> None:
+    told = graph.collect(String, 'parameters', latched(100))
+    start(graph, operator='Mia')
+    graph.spin_until(lambda: told)
+    assert not graph.set_parameters('bag_recorder', operator='Ada')
+    graph.spin_until(lambda: 'operator: Ada' in told[-1].data)
+    other = graph.node.create_publisher(String, 'parameters', latched())
+    other.publish(String(data='/rig/sensor:\n  ros__parameters: {gain: 2.0}\n'))
+    (active,) = graph.folder.glob('*.active')
+
+    def noted() -> bool:
+        with suppress(BagError), Bag(active) as opened:
+            files = opened.strings('parameters')
+            return 'Ada' in files.get('/rig/bag_recorder', '') and '/rig/sensor' in files
+        return False
+
+    graph.spin_until(noted)
+    first = stopped(graph)
+    assert graph.call('recording/start').success
+    for path in (first, stopped(graph)):
+        with Bag(path) as opened:
+            files = opened.strings('parameters')
+            assert set(files) == {'/rig/bag_recorder', '/rig/sensor'}
+            assert 'operator: Ada' in files['/rig/bag_recorder']
+            assert yaml.safe_load(files['/rig/bag_recorder'])['/rig/bag_recorder']
+            assert 'gain: 2.0' in files['/rig/sensor']
+            assert '/rig/parameters' not in opened.topics
 
 
 def test_everything_published_is_in_the_closed_bag_bit_for_bit(graph) -> None:
@@ -71,8 +83,6 @@ def test_everything_published_is_in_the_closed_bag_bit_for_bit(graph) -> None:
     speed = graph.node.create_publisher(TwistStamped, 'speed', 1000)
     form = graph.node.create_publisher(String, 'hunting/normal_form', LATCHED)
     form.publish(String(data='v_c: 8.0'))
-    graph.node.declare_parameter('answer', Parameter.Type.INTEGER)
-    graph.node.set_parameters([Parameter('answer', value=42)])
     closed = graph.collect(String, 'recording/closed', LATCHED)
     start(graph, rig_name='the rig', operator='the operator', notes='second wheelset')
     graph.spin_until(lambda: lateral.get_subscription_count() and speed.get_subscription_count())
@@ -104,7 +114,6 @@ def test_everything_published_is_in_the_closed_bag_bit_for_bit(graph) -> None:
     with Bag(bag) as opened:
         assert not opened.problems
         parameters = dict(opened.strings('parameters'))
-        assert 'answer: 42' in parameters['/rig/probe']
         assert 'operator: the operator' in parameters['/rig/bag_recorder']
 
 

@@ -10,7 +10,7 @@ of a service, which has its place behind them, is never answered. A polled subsc
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from threading import Event
 from typing import Any
 
@@ -18,14 +18,19 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
+from std_msgs.msg import String
 
 from hunt_ros.errors import ConfigError
-from hunt_ros.nodes.support.diagnostics import Diagnostics, Health
+from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.support.ending import CLOSING_S
+from hunt_ros.nodes.support.parameters import parameter_file
+from hunt_ros.nodes.support.qos import latched
 from hunt_ros.nodes.support.worker import Worker
 from hunt_ros.suite import hold
 
 _FIXED = 'use_sim_time: taken at the start only'
+#: Topic on which each node tells its parameters, for recordings; looked at so often, s.
+PARAMETERS, _LOOK_S = 'parameters', 1.0
 
 
 class SuiteNode(Node):
@@ -38,7 +43,7 @@ class SuiteNode(Node):
         Of the node.
     alone : bool
         A second one of its full name, on this machine and in this ROS domain, refuses to start,
-        and its health is told. False for what only asks.
+        and its health and its parameters are told. False for what only asks.
     **keywords : object
         As `Node` takes them.
 
@@ -66,8 +71,13 @@ class SuiteNode(Node):
         self._diagnostics = Diagnostics(self, self._health, alone)
         self._workers: list[Worker] = []
         self.add_on_set_parameters_callback(_keeps_its_clock)
-        if alone and sys.platform == 'linux':
+        if not alone:
+            return
+        if sys.platform == 'linux':
             self._hold_name()
+        self._told: Mapping[str, Parameter] = {}
+        self._teller = self.create_publisher(String, PARAMETERS, latched())
+        self.create_timer(_LOOK_S, self._tell_parameters, clock=steady_clock())
 
     def _hold_name(self) -> None:
         """
@@ -82,6 +92,12 @@ class SuiteNode(Node):
         except OSError as error:
             raise ConfigError(f'{error}: choose another namespace or ROS_DOMAIN_ID') from error
         self.context.on_shutdown(self._held.close)
+
+    def _tell_parameters(self) -> None:
+        """Publish all parameters, as a parameter file, where one is new or another."""
+        told, self._told = self._told, self.get_parameters_by_prefix('')
+        if self._told != told:
+            self._teller.publish(String(data=parameter_file(self)))
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:

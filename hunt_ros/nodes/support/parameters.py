@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
+import yaml
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
@@ -121,6 +122,14 @@ def _take(groups: Sequence[_Group], parameters: Sequence[Parameter]) -> SetParam
         group.config = config
         group.follow(config)
     return SetParametersResult(successful=True)
+
+
+def parameter_file(node: Node) -> str:
+    """Return all parameters of a node that have a value, as a parameter file."""
+    values = {name: one.value for name, one in node.get_parameters_by_prefix('').items()}
+    given = {name: _frozen(value) for name, value in values.items() if value is not None}
+    document = {node.get_fully_qualified_name(): {'ros__parameters': given}}
+    return yaml.safe_dump(document, default_flow_style=None, width=99)
 
 
 def refuse_unknown(node: Node) -> None:

@@ -8,7 +8,6 @@ on: a node whose thread is gone must not look well.
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Mapping
 from functools import partial
 
@@ -16,7 +15,6 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from hunt_ros.errors import HuntError
@@ -77,22 +75,12 @@ class Aside:
         Told when the thread ends with an error.
     name : str
         What it is for.
-    every_s, work : float and callable
-        What it does at least so often beside its services.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        failed: Failed,
-        name: str,
-        every_s: float = 0.2,
-        work: Callable[[], None] = lambda: None,
-    ) -> None:
+    def __init__(self, node: Node, failed: Failed, name: str) -> None:
         self.node = hidden_node(f'_{node.get_name()}_{name}', node.get_namespace())
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
-        self._every_s, self._round = every_s, work
         self._begin = partial(Worker, failed, name, self._work)
         self._worker: Worker | None = None
 
@@ -105,19 +93,10 @@ class Aside:
         if self._worker is not None:
             self._worker.stop(timeout_s)
 
-    def answered(self, asked: Future, timeout_s: float) -> bool:
-        """Wait in its thread for an answer of a service; return False where none came in time."""
-        gives_up_s = time.monotonic() + timeout_s
-        while not (asked.done() or self._stopping.is_set() or time.monotonic() > gives_up_s):
-            self.executor.spin_once(timeout_sec=_LOOK_S)
-        return asked.done()
-
     def _work(self, stopping: threading.Event) -> None:
-        self._stopping = stopping
         try:
             while not stopping.is_set():
-                self.executor.spin_once(timeout_sec=self._every_s)
-                self._round()
+                self.executor.spin_once(timeout_sec=_LOOK_S)
         except ExternalShutdownException:
             pass
         finally:
