@@ -11,25 +11,24 @@ from __future__ import annotations
 import math
 import threading
 import time
-from bisect import bisect_right
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import numpy as np
+from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 
 from hunt_ros.bag import ChannelSource, read_record
+from hunt_ros.bag.record_writer import messages_of
 from hunt_ros.errors import BagError, ConfigError
-from hunt_ros.nodes.support.conversions import channel_writer, to_time
+from hunt_ros.nodes.support.conversions import message_class, to_time
 from hunt_ros.nodes.support.diagnostics import Health
 from hunt_ros.nodes.support.hearing import UNNAMED
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import MEASUREMENTS, stream
 from hunt_ros.nodes.support.worker import offer
-from hunt_ros.samples import CHANNELS, NANOSECONDS
+from hunt_ros.samples import NANOSECONDS
 from hunt_ros.sensors import DISPLACEMENTS, MOTION
 from hunt_ros.settings import Settings, setting
 from hunt_ros.suite import PAGE
@@ -56,7 +55,6 @@ class ReplayConfig(Settings):
     to_s: float = setting(
         math.inf, 'Where to end; inf: at the end.', unit='s', low=0.0, fixed=True
     )
-    frame_id: str = setting('roller_rig', 'frame_id of the messages.', fixed=True)
 
 
 class LiveReplayNode(SuiteNode):
@@ -70,31 +68,25 @@ class LiveReplayNode(SuiteNode):
         record = read_record(config.bag, [ChannelSource.parse(word) for word in config.channels])
         if bursts := record.notes.get('bursts'):
             self.get_logger().warning(bursts)
-        self._names = names = [name for name in CHANNELS if name in record]
-        if not set(DISPLACEMENTS) & set(names):
+        if not set(DISPLACEMENTS) & set(record):
             raise BagError(f'{config.bag}: neither {" nor ".join(DISPLACEMENTS)} in it')
-        # The measurements in one order, that of their stamps.
-        stamps = np.concatenate([record[name].stamps_ns for name in names])
-        values = np.concatenate([record[name].values for name in names])
-        which = np.concatenate([np.full(len(record[n]), k) for k, n in enumerate(names)])
-        order = np.argsort(stamps, kind='stable')
-        self._began_ns = int(stamps.min())  # of the recording
-        self._length_s = (int(stamps.max()) - self._began_ns) / NANOSECONDS
+        self._began_ns, self._length_s = record.start_ns, record.duration_s
+        to_s = min(config.to_s, record.duration_s)
         begin_ns = self._began_ns + round(config.from_s * NANOSECONDS)
-        to_s = min(config.to_s, self._length_s)
-        ends = begin_ns, self._began_ns + round(to_s * NANOSECONDS)
-        order = order[slice(*np.searchsorted(stamps, (ends[0], ends[1] + 1), sorter=order))]
-        if not order.size:
+        end_ns = self._began_ns + round(to_s * NANOSECONDS)
+        part = record.between(begin_ns, end_ns + 1)
+        if not any(map(len, part.values())):
             raise ConfigError(f'replay: no message from {config.from_s:g} s to {to_s:g} s')
-        self._stamps, self._values = stamps[order].tolist(), values[order].tolist()
-        self._which = which[order].tolist()
+        self._first_ns, self._last_ns = part.start_ns, part.end_ns
         self._at_ns, self._playing, self._finished = begin_ns, False, False
+        self._names = tuple(record)
         for _ in range(_DISCOVERY_ROUNDS):
             time.sleep(_LOOK_S)
             if company := self._company(ours=0):
                 raise ConfigError(company)
         self._clock_publisher = self.create_publisher(Clock, '/clock', stream(100))
-        self._outputs = [self._output(name) for name in names]
+        self._outputs: list[Publisher] = []
+        self._messages = messages_of(part, self._output, self.get_namespace())
         self._heard = False
         offer(self, 'replay/pause', self._pause)
         offer(self, 'replay/resume', self._resume)
@@ -112,11 +104,11 @@ class LiveReplayNode(SuiteNode):
                 return f'{topic} is published by another node: a recording must not mix with a rig'
         return ''
 
-    def _output(self, name: str) -> Callable[[int, float], None]:
-        """Return a function that publishes (stamp, value) of a channel."""
-        kind, written = channel_writer(name, self._config.frame_id)
-        publisher = self.create_publisher(kind, name, stream(MEASUREMENTS))
-        return lambda stamp_ns, value: publisher.publish(written(stamp_ns, value))
+    def _output(self, topic: str, kind: str) -> int:
+        """Publish a topic from now on; return its number."""
+        publisher = self.create_publisher(message_class(kind), topic, stream(MEASUREMENTS))
+        self._outputs.append(publisher)
+        return len(self._outputs) - 1
 
     def _somebody_listens(self) -> bool:
         """Return True if a node takes the motion for more than to show or to keep it."""
@@ -135,9 +127,9 @@ class LiveReplayNode(SuiteNode):
                 break
         self._heard = True
         self._diagnostics.publish()  # who shows the first sample knows that it is a replay
-        self._say_time(max(0, self._stamps[0] - 1))
+        self._say_time(max(0, self._first_ns - 1))
         time.sleep(0.5)  # clocks of the listeners take the first time before the first sample
-        self._playing, following = True, 0
+        self._playing, following = True, next(self._messages, None)
         checked_ns = before_ns = time.monotonic_ns()
         while not stopping.is_set():
             passed_ns = time.monotonic_ns() - before_ns
@@ -149,16 +141,15 @@ class LiveReplayNode(SuiteNode):
             # Where the process was stopped it goes on, or all of it would come at once.
             if self._playing and passed_ns <= _PAUSE_NS:
                 reached_ns = self._at_ns + round(passed_ns * self._config.rate)
-                self._at_ns = min(reached_ns, self._stamps[-1])
-            due = range(following, bisect_right(self._stamps, self._at_ns, following))
-            for i in due:
-                self._outputs[self._which[i]](self._stamps[i], self._values[i])
+                self._at_ns = min(reached_ns, self._last_ns)
+            while following is not None and following[1] <= self._at_ns:
+                self._outputs[following[0]].publish(following[2])
+                following = next(self._messages, None)
             self._say_time(self._at_ns)
-            following = due.stop
-            if following == len(self._stamps):
+            if following is None:
                 self._finished = True
                 break
-            ahead_s = (self._stamps[following] - self._at_ns) / NANOSECONDS
+            ahead_s = (following[1] - self._at_ns) / NANOSECONDS
             time.sleep(max(1e-3, min(_CLOCK_S, ahead_s / self._config.rate)))
         self.get_logger().info('the recording has been played')
 

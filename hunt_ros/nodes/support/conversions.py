@@ -150,14 +150,6 @@ class ChannelReader:
         return to_ns(message.header.stamp), value
 
 
-def channel_writer(channel: str, frame: str) -> tuple[type[Any], Callable[[int, float], Any]]:
-    """Return the class of the messages of a channel, and what makes one of stamp and value."""
-    kind = ChannelReader(channel).kind
-    if kind is JointState:
-        return kind, joint_writer([channel], frame)
-    return kind, lambda stamp_ns, value: twist(stamp_ns, value, frame)
-
-
 def twist(stamp_ns: int, speed_mps: float, frame: str = '') -> TwistStamped:
     """Return a running speed, m/s, as a TwistStamped."""
     message = TwistStamped()
