@@ -422,8 +422,8 @@ class Drive(_Polled, DriveDriver):
             speed_mps = number * self.settings.actual_scale_mps
         if self._encoder in self._registers:
             sampled_ns, number = self._link.poll(self._encoder)
-            turns = float(self._counter.unwrap([round(number)])[0])
-            angle_rad = 2.0 * math.pi * turns / self.settings.encoder_counts_per_turn
+            count = self._counter.unwrap(round(number))
+            angle_rad = 2.0 * math.pi * count / self.settings.encoder_counts_per_turn
             if self._actual not in self._registers:
                 # On the steady clock: that of the host may be set.
                 speed_mps = self._slope_mps(sampled_ns, angle_rad)

@@ -182,14 +182,8 @@ class Counter:
         self._size = 1 << bits
         self._last: int | None = None  # continuous
 
-    def unwrap(self, raw: ArrayLike) -> NDArray[np.int64]:
-        """Return continuous counts, shape (n,); the first reading ever is taken as it is."""
-        counts = np.atleast_1d(np.asarray(raw, dtype=np.int64))
-        if not counts.size:
-            return counts
-        last = int(counts[0]) if self._last is None else self._last
-        half = self._size // 2
-        steps = np.diff(counts, prepend=np.int64(last))
-        continuous = last + np.cumsum((steps + half) % self._size - half)
-        self._last = int(continuous[-1])
-        return np.asarray(continuous, dtype=np.int64)
+    def unwrap(self, raw: int) -> int:
+        """Return the continuous count; the first reading ever is taken as it is."""
+        last, half = raw if self._last is None else self._last, self._size // 2
+        self._last = last + (raw - last + half) % self._size - half
+        return self._last
