@@ -26,7 +26,6 @@ from hunt_ros.nodes.support.ending import abandoned
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
-from hunt_ros.nodes.support.worker import answer_aside
 from hunt_ros.suite import Awaited
 
 _LOOK_S = 0.05
@@ -61,8 +60,7 @@ class AlarmOutputsNode(SuiteNode):
         self.create_subscription(DiagnosticArray, 'speed/status', self._on_drive, latched())
         self.create_subscription(DiagnosticArray, 'hunting/events', self._on_event, EVENTS)
         self.create_timer(_LOOK_S, self._look, clock=steady_clock())
-        failed = self._diagnostics.failed
-        self._answers = answer_aside(self, failed, {'alarm/test': self._on_test})
+        self.offer_beside({'alarm/test': self._on_test})
         for name in self._outputs:
             self.work(name, partial(self._keep, name))
 
@@ -73,11 +71,6 @@ class AlarmOutputsNode(SuiteNode):
             for name in self._outputs:
                 self._try(name, lambda output: output.show(Condition.DOUBT, _ABANDONED))
         return True
-
-    def close(self) -> None:
-        """End the outputs; a relay is switched off."""
-        self._answers.close(0.0)
-        super().close()
 
     def _on_status(self, message: DiagnosticArray) -> None:
         """Take a status of the detector."""
@@ -103,7 +96,11 @@ class AlarmOutputsNode(SuiteNode):
             changed.set()
 
     def _keep(self, name: str, stopping: threading.Event) -> None:
-        """Keep one output at the present condition; what fails is told, and tried again."""
+        """
+        Keep one output at the present condition; what fails is told, and tried again.
+
+        At the end a relay is switched off.
+        """
         output, changed = self._outputs[name], self._changed[name]
         again_s = _AGAIN_S
         while not stopping.is_set():

@@ -43,7 +43,6 @@ from hunt_ros.nodes.support.hearing import Calls, Missed, waiting
 from hunt_ros.nodes.support.node import PARAMETERS, SuiteNode
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import JOURNAL, MEASUREMENTS, latched, stream
-from hunt_ros.nodes.support.worker import Worker, answer_aside
 from hunt_ros.rig import of_rig
 from hunt_ros.sensors import CHANNEL_FIELDS, TWIST_STAMPED
 from hunt_ros.services import SERVICES
@@ -181,34 +180,27 @@ class BagRecorderNode(SuiteNode):
         self._closed = self.create_publisher(String, OWN_TOPIC, latched())
         self._mark = self.create_publisher(String, _MARK_TOPIC, stream(10))
         self._calls = Calls(self)
-        failed = self._diagnostics.failed
         self._parameter_files: dict[str, str] = {}  # by full name of the node
         self.create_subscription(String, PARAMETERS, self._on_parameters, latched(_NODES))
         #: A recording is wanted, and tried again at this time where it cannot be, steady clock.
         self._wanted, self._again_s = self._config.autostart, 0.0
         self._events_name = self._full('hunting/events')
-        self._clipper = Clipper(
-            failed,
-            self.get_logger(),
-            self._now_ns,
-            self._goes_on,
-            lambda: int(self._config.least_free_mib * 2**20),
-        )
+        least_free = lambda: int(self._config.least_free_mib * 2**20)  # noqa: E731
+        self._clipper = Clipper(self, self._goes_on, least_free)
         self._look_around()  # who sees that it listens may count on the recording
         for names, is_latched in ((DESIGN_TOPICS, False), (LATCHED_TOPICS, True)):
             for name, kind in names.items():
                 self._subscribe(self._full(name), kind, True, is_latched)
         words = ('start', 'stop', 'split', 'mark')
-        answers = {f'recording/{word}': getattr(self, f'_on_{word}') for word in words}
-        self._answers = answer_aside(self, failed, answers)
+        self.offer_beside({f'recording/{word}': getattr(self, f'_on_{word}') for word in words})
         # A long repair of an earlier recording must not keep this one from beginning.
-        Worker(failed, 'closing earlier recordings', self._finalise)
+        self.work('closing earlier recordings', self._finalise, 0.0)
         self.create_timer(_ROUND_S, self._round, clock=steady_clock())
         self.create_timer(_LOOK_S, self._look_around, clock=steady_clock())
 
     def close(self) -> None:
         """Take what has arrived, and close the recording."""
-        self._answers.close(0.0)
+        super().close()
         try:
             with self._busy:  # a service has taken it away before this, or finds none
                 if self._recording is not None:
@@ -217,7 +209,7 @@ class BagRecorderNode(SuiteNode):
                 finishing.stop()  # a service is at it
         except BagError as error:
             self.get_logger().error(str(error))
-        self._clipper.close()  # what was on when the recording ended has a clip too
+        self._clipper.cut()  # what was on when the recording ended has a clip too
         self._closed.wait_for_all_acked(Duration(seconds=0.5))
 
     def _begin(self) -> Path:

@@ -48,7 +48,7 @@ class ConsoleNode(SuiteNode):
             self.create_subscription(DiagnosticArray, topic, partial(take, topic), quality)
         for topic in ('hunting/normal_form', 'recording/closed'):
             self.create_subscription(String, topic, partial(_print_text, topic), latched())
-        self._caller = Caller(self, self._diagnostics.failed, KEYS.values())
+        self._caller = Caller(self, KEYS.values())
         self.work('commands', self._read)
 
     def _read(self, stopping: threading.Event) -> None:

@@ -103,7 +103,7 @@ class DashboardNode(SuiteNode):
             for kind, topics in ((DiagnosticArray, told), (String, texts))
             for topic, (qos, take) in topics.items()
         ]
-        self._caller = Caller(self, self._diagnostics.failed)
+        self._caller = Caller(self)
         host = f'[{config.address}]' if ':' in config.address else config.address
         self._url = f'http://{host}:{self._server.site.port}/'
         self.get_logger().info(f'the page is at {self._url}')
@@ -113,6 +113,7 @@ class DashboardNode(SuiteNode):
         """End the server."""
         self._server.close()
         self._caller.close()
+        super().close()
 
     def _update(self) -> None:
         """Take what has come, and send what it makes of the page."""

@@ -39,7 +39,7 @@ from hunt_ros.nodes.support.ending import abandoned
 from hunt_ros.nodes.support.hearing import Calls, Channels, Said
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import EVENTS, MEASUREMENTS, STATUS, latched, stream
-from hunt_ros.nodes.support.worker import Worker, answer_aside, offer
+from hunt_ros.nodes.support.worker import Worker, offer
 from hunt_ros.rig import of_rig
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.services import SERVICES
@@ -172,8 +172,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         self.create_timer(_WATCH_S, self._watch, clock=self._steady)
         self.create_timer(_STATUS_S, self._report, clock=self._steady)
         # Of its own thread: it waits for the encoder, and works where the executor hangs.
-        stop = {'speed/emergency_stop': self._emergency_stop}
-        self._stopper = answer_aside(self, self._diagnostics.failed, stop)
+        self.offer_beside({'speed/emergency_stop': self._emergency_stop})
         self._keeper = Worker(self._diagnostics.failed, 'safety state', self._keep)
         interlock = self._guard.interlock
         if interlock.state != 'armed':
@@ -183,7 +182,6 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
     def close(self) -> None:
         """Let go of the drive; an end that was asked for is no failure."""
         super().close()
-        self._stopper.close(0.0)
         self._keeper.stop()
 
     def _kept(self) -> tuple[SafetyState, str]:

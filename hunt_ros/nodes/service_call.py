@@ -35,8 +35,7 @@ class ServiceCallNode(SuiteNode):
     def __init__(self) -> None:
         super().__init__('service_call', alone=False)
         config = declare(self, CallConfig)
-        failed = self._diagnostics.failed
-        self._caller = Caller(self, failed, [config.word], config.wait_s, _ANSWER_S)
+        self._caller = Caller(self, [config.word], config.wait_s, _ANSWER_S)
         self._name = self.resolve_service_name(SERVICES[config.word].name)
         self._caller.call(config.word, config.words).add_done_callback(self._print)
 

@@ -26,8 +26,8 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
+from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.qos import stream
-from hunt_ros.nodes.support.worker import Aside, Failed
 from hunt_ros.services import SERVICES, Service, spoken
 
 _LOOK_S = 0.02
@@ -63,10 +63,8 @@ class Caller:
 
     Parameters
     ----------
-    node : Node
-        Gives the namespace.
-    failed : callable
-        Told when the thread fails.
+    node : SuiteNode
+        Beside which it calls, until that closes.
     words : iterable of str
         Services that are looked for from the start: such a call does not wait for discovery.
     found_s, answer_s : float
@@ -75,15 +73,12 @@ class Caller:
 
     def __init__(
         self,
-        node: Node,
-        failed: Failed,
+        node: SuiteNode,
         words: Iterable[str] = SERVICES,
         found_s: float = 5.0,
         answer_s: float = 0.0,
     ) -> None:
         self._found_s, self._answer_s = found_s, answer_s
-        self._aside = Aside(node, failed, 'caller')
-        self._node = self._aside.node
         #: Of each service its own threads: a key that is held down on one delays no stop.
         self._calls = {word: ThreadPoolExecutor(_MOST) for word in SERVICES}
         self._lock = threading.Lock()
@@ -91,10 +86,15 @@ class Caller:
         self._topics: dict[str, Publisher] = {}
         self._ready_s: dict[str, float] = {}  # since when each service is known to be there
         self._who = f'{_user()} ({node.get_name()})'
-        for word in words:
-            self._client(word)
-            self._topic(SERVICES[word])
-        self._aside.start()
+
+        def make(beside: Node) -> None:
+            """Find what is to be called."""
+            self._node = beside
+            for word in words:
+                self._client(word)
+                self._topic(SERVICES[word])
+
+        node.beside('caller', make)
 
     def call(self, word: str, words: str = '') -> Future[Answer]:
         """
@@ -121,7 +121,6 @@ class Caller:
         """Take no more calls."""
         for calls in self._calls.values():
             calls.shutdown(wait=False, cancel_futures=True)
-        self._aside.close()
 
     def _client(self, word: str) -> Client:
         service = SERVICES[word]

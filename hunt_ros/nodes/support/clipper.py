@@ -10,7 +10,6 @@ from contextlib import suppress
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.serialization import deserialize_message
 
 from hunt_ros.bag.clips import LATEST_S, Clips
@@ -19,7 +18,7 @@ from hunt_ros.bag.reader import Bag
 from hunt_ros.drivers.alarms import alarm_of
 from hunt_ros.errors import BagError, one_line
 from hunt_ros.nodes.support.conversions import read_diagnostic
-from hunt_ros.nodes.support.worker import Failed, Worker
+from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.samples import NANOSECONDS
 
 #: The thread looks so often, s, and gives way to others of the machine.
@@ -32,12 +31,8 @@ class Clipper:
 
     Parameters
     ----------
-    failed : callable
-        Told when the thread raises.
-    logger : RcutilsLogger
-        Of the node.
-    now_ns : callable
-        Clock of the log times.
+    node : SuiteNode
+        The recorder.
     running : callable
         Returns the recording that goes on, or None.
     least_free : callable
@@ -46,23 +41,16 @@ class Clipper:
 
     def __init__(
         self,
-        failed: Failed,
-        logger: RcutilsLogger,
-        now_ns: Callable[[], int],
+        node: SuiteNode,
         running: Callable[[], Path | None],
         least_free: Callable[[], int],
     ) -> None:
-        self._logger, self._now_ns = logger, now_ns
+        self._logger, self._clock = node.get_logger(), node.get_clock()
         self._running, self._least_free = running, least_free
         self._clips = Clips()
         self._taking = threading.Lock()  # of what is heard and what is due
         self._cutting = threading.Lock()  # of the thread, and of who closes
-        self._worker = Worker(failed, 'clips', self._work)
-
-    def close(self) -> None:
-        """End the thread, and cut what is left: no recording goes on."""
-        self._worker.stop()
-        self._cut()
+        node.work('clips', self._work)
 
     def hear(self, recording: Path, stamp_ns: int, raw: bytes) -> None:
         """Note an event, as it was on the wire, at its log time: an alarm is to have a clip."""
@@ -92,14 +80,14 @@ class Clipper:
     def _work(self, stopping: threading.Event) -> None:
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICE)
         while not stopping.wait(_LOOK_S):
-            self._cut()
+            self.cut()
 
-    def _cut(self) -> None:
-        """Cut the clips that are due."""
+    def cut(self) -> None:
+        """Cut the clips that are due; where no recording goes on, all that are left."""
         with self._cutting:
             running = self._running()
             with self._taking:
-                due = self._clips.due(self._now_ns(), running)
+                due = self._clips.due(self._clock.now().nanoseconds, running)
             for clip in due:
                 end_ns, clip.tries = clip.last_ns, clip.tries - 1
                 try:

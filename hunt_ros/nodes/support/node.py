@@ -11,10 +11,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from threading import Event
-from typing import Any
+from typing import Any, cast
 
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
@@ -25,12 +27,14 @@ from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.support.ending import CLOSING_S
 from hunt_ros.nodes.support.parameters import parameter_file
 from hunt_ros.nodes.support.qos import latched
-from hunt_ros.nodes.support.worker import Worker
+from hunt_ros.nodes.support.worker import Worker, hidden_node, offer
 from hunt_ros.suite import hold
 
 _FIXED = 'use_sim_time: taken at the start only'
 #: Topic on which each node tells its parameters, for recordings; looked at so often, s.
 PARAMETERS, _LOOK_S = 'parameters', 1.0
+#: A thread beside it looks so often whether it is to end, s.
+_ASKED_S = 0.1
 
 
 class SuiteNode(Node):
@@ -95,9 +99,11 @@ class SuiteNode(Node):
 
     def _tell_parameters(self) -> None:
         """Publish all parameters, as a parameter file, where one is new or another."""
-        told, self._told = self._told, self.get_parameters_by_prefix('')
+        told, given = self._told, self.get_parameters_by_prefix('')
+        self._told = cast('dict[str, Parameter]', given)  # which they are, whatever rclpy says
         if self._told != told:
-            self._teller.publish(String(data=parameter_file(self)))
+            text = parameter_file(self.get_fully_qualified_name(), self._told)
+            self._teller.publish(String(data=text))
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
@@ -116,9 +122,40 @@ class SuiteNode(Node):
         """Return what it says of itself on `/diagnostics`; by every node that is `alone`."""
         raise NotImplementedError
 
-    def work(self, task: str, function: Callable[[Event], None]) -> None:
+    def work(self, task: str, function: Callable[[Event], None], patience_s: float = 2.0) -> None:
         """Run a function in a thread until the node closes; see `Worker`."""
-        self._workers.append(Worker(self._diagnostics.failed, task, function))
+        self._workers.append(Worker(self._diagnostics.failed, task, function, patience_s))
+
+    def beside(self, what: str, make: Callable[[Node], None]) -> None:
+        """
+        Have a node beside this one, in a thread of its own with the plain executor.
+
+        Service clients crash the EventsExecutor of these wheels now and then, and a service that
+        takes long holds up every message: both belong to another node.
+
+        Parameters
+        ----------
+        what : str
+            What it is for; behind the name of this one, in whose namespace it is.
+        make : callable
+            Gives it what it needs. The thread starts after that: a start in which two threads
+            ask the middleware has hung.
+        """
+        node = hidden_node(f'_{self.get_name()}_{what}', self.get_namespace())
+        make(node)
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        self.work(what, partial(_serve, executor), 0.0)
+
+    def offer_beside(self, answers: Mapping[str, Callable[[], str]]) -> None:
+        """Offer Trigger services beside the node, see `offer`; they are answered one by one."""
+
+        def offered(node: Node) -> None:
+            """Offer them all."""
+            for name, answer in answers.items():
+                offer(node, name, answer, self)
+
+        self.beside('services', offered)
 
     def begin(self) -> None:
         """Begin what waits for hardware: the node is made, and its parameters are known."""
@@ -137,6 +174,17 @@ class SuiteNode(Node):
         self.wake()
         for worker in self._workers:
             worker.stop()
+
+
+def _serve(executor: SingleThreadedExecutor, stopping: Event) -> None:
+    """Answer what a node is asked for."""
+    try:
+        while not stopping.is_set():
+            executor.spin_once(timeout_sec=_ASKED_S)
+    except ExternalShutdownException:
+        pass
+    finally:
+        executor.shutdown()
 
 
 def _keeps_its_clock(parameters: list[Parameter]) -> SetParametersResult:

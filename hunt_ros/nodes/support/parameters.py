@@ -124,11 +124,11 @@ def _take(groups: Sequence[_Group], parameters: Sequence[Parameter]) -> SetParam
     return SetParametersResult(successful=True)
 
 
-def parameter_file(node: Node) -> str:
-    """Return all parameters of a node that have a value, as a parameter file."""
-    values = {name: one.value for name, one in node.get_parameters_by_prefix('').items()}
-    given = {name: _frozen(value) for name, value in values.items() if value is not None}
-    document = {node.get_fully_qualified_name(): {'ros__parameters': given}}
+def parameter_file(node: str, parameters: Mapping[str, Parameter]) -> str:
+    """Return the parameters of a node, by its full name, that have a value as a parameter file."""
+    values = {name: _frozen(one.value) for name, one in parameters.items()}
+    given = {name: value for name, value in values.items() if value is not None}
+    document = {node: {'ros__parameters': given}}
     return yaml.safe_dump(document, default_flow_style=None, width=99)
 
 

@@ -7,23 +7,26 @@ import rclpy
 from std_srvs.srv import Trigger
 
 from hunt_ros.nodes.support.caller import Caller
+from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.services import SERVICES
 
 
 @pytest.fixture
 def node(domain):
     rclpy.init()
-    made = rclpy.create_node('page')
+    made = SuiteNode('page', alone=False)
     yield made
+    made.close()
     made.destroy_node()
     rclpy.shutdown()
 
 
 @pytest.fixture
 def caller(node):
-    made = Caller(node, lambda task, error: pytest.fail(f'{task}: {error}'))
+    made = Caller(node)
     yield made
     made.close()
+    assert not node._diagnostics._failures
 
 
 def test_a_key_that_is_held_down_delays_no_stop(node, caller, machine) -> None:
