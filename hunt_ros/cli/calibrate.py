@@ -1,4 +1,4 @@
-"""`hunt calibrate FILE`: known displacements in, the calibration of a sensor out."""
+"""`hunt calibrate FILE`: known displacements in, gain and offset of a sensor node out."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from hunt_ros.files import write_whole
 from hunt_ros.samples import Uncertain
 from hunt_ros.samples import known as finite
 from hunt_ros.sensors import MOTION, SENSORS
+from hunt_ros.suite import SENSORS as SENSOR_NODES
 
 EXAMPLE = 'hunt calibrate lateral.yaml --unit mm --points 1=-8.01,3=-4,5=0.02,7=3.99,9=8'
 #: A reading or a displacement: beyond, its square is no number.
 _READING = options.number(-1e12, 1e12)
-_ALL = (-math.inf, math.inf)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add = partial(options.add, parser)
-    add('file', type=options.new_file(), help='YAML; none that is there')
+    add('file', type=options.new_file(), help='ROS parameter file; none that is there')
     add('--sensor', choices=MOTION, default='lateral', help='what it measures (lateral)')
     add('--unit', help='of the known displacements (default: SI): mm, mrad, deg, g')
     first = 'pairs; where the first reading is negative: --points=-5=-10,0=0'
     add('--points', type=_points, required=True, metavar='READING=KNOWN,...', help=first)
     beyond = 'readings at these ends or outside are saturated'
-    add('--range', type=_range, default=_ALL, metavar='LOW,HIGH', help=beyond)
+    add('--range', type=_range, default=(), metavar='LOW,HIGH', help=beyond)
     add('--json')
 
 
@@ -53,13 +53,11 @@ def run(arguments: argparse.Namespace) -> int:
         {'reading': reading, 'known': known, 'residual': residual}
         for (reading, known), residual in zip(pairs, fit.residuals, strict=True)
     ]
-    lines: dict[str, Any] = {'channel': sensor.name, 'unit': sensor.unit}
-    lines |= {'gain': calibration.gain, 'offset': calibration.offset}
-    if math.isfinite(calibration.range[0]):
-        lines['range'] = list(calibration.range)
-    details = {'residual_std': finite(fit.residual_std), 'points': points}
-    text = yaml.safe_dump({'calibration': lines | {'fit': details}}, sort_keys=False)
-    write_whole(arguments.file, text, 'calibration')
+    given: dict[str, Any] = {'gain': calibration.gain, 'offset': calibration.offset}
+    if calibration.range:
+        given['range'] = list(calibration.range)
+    section = {f'/**/{SENSOR_NODES[sensor.name]}': {'ros__parameters': given}}
+    write_whole(arguments.file, yaml.safe_dump(section, sort_keys=False), 'calibration')
     warnings = ['the points bend: a straight line does not describe them'] if fit.bends else []
     told = [
         f'reading {point["reading"]:g}: {point["known"] / factor:g} {unit},'
@@ -72,9 +70,12 @@ def run(arguments: argparse.Namespace) -> int:
     ]
     if not math.isfinite(fit.residual_std):
         told.append('two points do not tell how sure gain and offset are: take a third')
-    told += [*(f'warning: {warning}' for warning in warnings), f'written to {arguments.file}']
-    document = details | lines | {'file': str(arguments.file), 'warnings': warnings}
+    told += [*(f'warning: {warning}' for warning in warnings)]
+    told.append(f'written to {arguments.file}: --rig {arguments.file}, or lines of the rig file')
+    document = {'channel': sensor.name, 'unit': sensor.unit, **given}
+    document |= {'residual_std': finite(fit.residual_std), 'points': points}
     document |= {'gain': fit.gain.to_json(), 'offset': fit.offset.to_json()}
+    document |= {'file': str(arguments.file), 'warnings': warnings}
     tell(arguments.json, lambda: document, lambda: '\n'.join(told))
     return 1 if warnings else 0
 

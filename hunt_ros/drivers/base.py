@@ -88,16 +88,6 @@ def of_extra(extra: str, who: object) -> Iterator[None]:
         ) from error
 
 
-def check_scale(settings: _Settings, *names: str) -> None:
-    """Refuse (ConfigError) a scale among the settings that is 0 or not finite."""
-    for name in names:
-        value = getattr(settings, name)
-        if value == 0.0 or not math.isfinite(value):
-            raise ConfigError(
-                f'{settings}: {name}: {value:g}, expected a finite number that is not 0'
-            )
-
-
 class Driver(ABC):
     """What sensor and drive drivers have in common; making one touches no hardware."""
 

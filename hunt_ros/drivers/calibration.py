@@ -1,48 +1,27 @@
-"""
-From the readings of a device (V, counts) to SI: gain, offset and the range of the readings.
-
-A calibration is a YAML file, which `hunt calibrate` makes and a sensor node applies::
-
-    calibration:
-      channel: lateral
-      unit: m
-      gain: 0.002             # SI of a unit of the reading; negative where it counts the other way
-      offset: -0.001          # SI at the reading 0
-      range: [-9.9, 9.9]      # readings at these ends or outside are saturated
-"""
+"""From the readings of a device (V, counts) to SI: gain, offset and the range of the readings."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from functools import partial
 
 import numpy as np
-import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import Uncertain
-from hunt_ros.sensors import SENSORS
-from hunt_ros.settings import Settings
+from hunt_ros.settings import Settings, setting
 
-_UNITS = {sensor.name: sensor.unit for sensor in SENSORS}
-#: What a file may say beside the settings; `polarity`, always 1, is one of earlier versions.
-_BESIDE = {'channel', 'unit', 'polarity', 'made', 'fit'}
+_fixed = partial(setting, fixed=True)
+_ANY = (-math.inf, math.inf)
 
 
 @dataclass(frozen=True)
 class Calibration(Settings):
     """
-    What a reading means.
-
-    Parameters
-    ----------
-    gain, offset : float
-        SI = gain * reading + offset.
-    range : tuple of float
-        Readings at these ends or outside are saturated.
+    What a reading means: parameters of a sensor node, as `hunt calibrate` writes them.
 
     Raises
     ------
@@ -50,9 +29,13 @@ class Calibration(Settings):
         Naming the value that makes no calibration.
     """
 
-    gain: float = 1.0
-    offset: float = 0.0
-    range: tuple[float, float] = (-math.inf, math.inf)
+    gain: float = _fixed(
+        1.0, 'SI of a unit of the reading; negative where the device counts the other way.'
+    )
+    offset: float = _fixed(0.0, 'SI at the reading 0.')
+    range: tuple[float, ...] = _fixed(
+        (), 'Readings at these ends or outside are saturated; none: those of the device.'
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -60,47 +43,18 @@ class Calibration(Settings):
             raise ConfigError(f'gain: {self.gain}, expected a finite number that is not 0')
         if not math.isfinite(self.offset):
             raise ConfigError(f'offset: {self.offset}, expected a finite number')
-        ends = self.range if isinstance(self.range, tuple) else ()
-        if {*map(type, ends)} - {int, float} or len(ends) != 2 or not ends[0] < ends[1]:
+        if self.range and (len(self.range) != 2 or not self.range[0] < self.range[1]):
             raise ConfigError(f'range: {self.range}, expected a lower and a higher reading')
-
-    @classmethod
-    def read(cls, path: str, channel: str) -> Calibration:
-        """
-        Read the calibration of a channel from a file; an empty path means readings in SI.
-
-        Raises
-        ------
-        ConfigError
-            If the file cannot be read, is no calibration, or is that of another channel.
-        """
-        if not path:
-            return cls()
-        try:
-            document = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-            given = document.get('calibration') if isinstance(document, dict) else None
-            if not isinstance(given, dict):
-                raise ConfigError('expected a mapping under the key calibration')
-            if unknown := cls.unknown(given) - _BESIDE:
-                raise ConfigError(f'unknown key {min(map(str, unknown))!r}')
-            if 'gain' not in given:
-                raise ConfigError('expected a gain')
-            for name, wanted in (('channel', channel), ('unit', _UNITS[channel]), ('polarity', 1)):
-                if given.get(name, wanted) != wanted:
-                    raise ConfigError(f'{name}: {given[name]}, expected {wanted} for {channel}')
-            return cls.from_recorded(given)
-        except (OSError, ValueError, yaml.YAMLError) as error:
-            reason = getattr(error, 'strerror', None) or ' '.join(str(error).split())
-            raise ConfigError(f'calibration {path}: {reason}') from error
 
     def within(self, low: float, high: float) -> Calibration:
         """Return it with the range of the device too: what either calls saturated is."""
-        return replace(self, range=(max(self.range[0], low), min(self.range[1], high)))
+        lowest, highest = self.range or _ANY
+        return replace(self, range=(max(lowest, low), min(highest, high)))
 
     def saturated(self, readings: ArrayLike) -> NDArray[np.bool_]:
         """Return True for each reading at an end of the range or outside."""
-        raw = np.asarray(readings, dtype=np.float64)
-        return np.asarray((raw <= self.range[0]) | (raw >= self.range[1]))
+        raw, (low, high) = np.asarray(readings, dtype=np.float64), self.range or _ANY
+        return np.asarray((raw <= low) | (raw >= high))
 
     def apply(self, readings: ArrayLike) -> NDArray[np.float64]:
         """Return what readings mean, SI, shape (n,); NaN where one is NaN or saturated."""

@@ -28,7 +28,6 @@ from hunt_ros.drivers.base import (
     Driver,
     SensorBlock,
     SensorDriver,
-    check_scale,
     of_extra,
 )
 from hunt_ros.drivers.sample_clock import Counter, host_less_steady_ns
@@ -115,9 +114,6 @@ class ModbusSensor(ModbusBus):
     register_kind: str = _kind('input', 'Kind of the register.')
     register_format: str = _format('int16', 'Format of the reading.')
     word_order: str = _word_order()
-    scale: float = _fixed(
-        1.0, 'Reading = number in the register * scale (V, mm or SI for a count).'
-    )
 
 
 @dataclass(frozen=True)
@@ -373,7 +369,6 @@ class Sensor(_Polled, SensorDriver):
     def __init__(self, settings: ModbusSensor, channel: str, rate_hz: float) -> None:
         super().__init__(settings, channel, rate_hz)
         kind, order = settings.register_kind, settings.word_order
-        check_scale(settings, 'scale')
         self._use(rate_hz, Register(settings.register, kind, settings.register_format, order))
 
     def read(self, timeout_s: float) -> SensorBlock:
@@ -383,7 +378,7 @@ class Sensor(_Polled, SensorDriver):
             return SensorBlock()
         sampled_ns, number = self._link.poll(*self._registers)
         stamps_ns = np.array([sampled_ns + host_less_steady_ns()])
-        return SensorBlock(stamps_ns, np.array([number * self.settings.scale]), missed)
+        return SensorBlock(stamps_ns, np.array([number]), missed)
 
 
 class Drive(_Polled, DriveDriver):
@@ -400,7 +395,12 @@ class Drive(_Polled, DriveDriver):
                 f'{settings}: neither actual_register nor encoder_register is given: expected one'
                 ' that tells how fast the roller runs'
             )
-        check_scale(settings, 'speed_scale_mps', 'actual_scale_mps', 'encoder_counts_per_turn')
+        for name in ('speed_scale_mps', 'actual_scale_mps', 'encoder_counts_per_turn'):
+            value = getattr(settings, name)
+            if value == 0.0 or not math.isfinite(value):
+                raise ConfigError(
+                    f'{settings}: {name}: {value:g}, expected a finite number that is not 0'
+                )
         order = settings.word_order
         self._target = Register(settings.speed_register, 'holding', settings.speed_format, order)
         self._actual = Register(actual, settings.actual_kind, settings.actual_format, order)

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from hunt_ros.drivers.base import SensorBlock, SensorDriver, check_scale, of_extra
+from hunt_ros.drivers.base import SensorBlock, SensorDriver, of_extra
 from hunt_ros.drivers.sample_clock import SampleClock
 from hunt_ros.errors import ConfigError, DriverError, RefusedError
 from hunt_ros.samples import NANOSECONDS
@@ -41,7 +41,6 @@ class SerialLine(Settings):
         0, 'Columns of a line, so that a torn one is known; 0: any.', low=0, high=1000
     )
     column: int = _fixed(0, 'Column of the reading, from 0.', low=0, high=999)
-    scale: float = _fixed(1.0, 'Reading = number in the line * scale (V, mm or SI for a count).')
     clock_column: int = _fixed(
         -1, 'Column of a clock or counter of the device; -1: none.', low=-1, high=999
     )
@@ -63,7 +62,6 @@ class Sensor(SensorDriver):
 
     def __init__(self, settings: SerialLine, channel: str, rate_hz: float) -> None:
         super().__init__(settings, channel, rate_hz)
-        check_scale(settings, 'scale')
         last = max(settings.column, settings.clock_column)
         if settings.columns and last >= settings.columns:
             raise ConfigError(
@@ -153,7 +151,7 @@ class Sensor(SensorDriver):
         columns = line.decode('ascii', 'replace').split(settings.separator or None)
         if settings.columns and len(columns) != settings.columns:
             raise ValueError
-        value = float(columns[settings.column]) * settings.scale
+        value = float(columns[settings.column])
         value = value if math.isfinite(value) else math.nan
         if settings.clock_column < 0:
             return (self._tick or 0) + self._bad + 1, value  # a bad line had its turn

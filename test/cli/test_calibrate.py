@@ -1,4 +1,4 @@
-"""`hunt calibrate`: known displacements in, a file that a sensor node takes out."""
+"""`hunt calibrate`: known displacements in, parameters of a sensor node out."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import pytest
 
 from hunt_ros.cli.main import main
 from hunt_ros.drivers.calibration import Calibration
+from hunt_ros.rig import parameters_of, told_by
 
 _POINTS = '1=-8.01,3=-4,5=0.02,7=3.99,9=8'
 
@@ -29,7 +30,9 @@ def test_points_become_a_file_that_a_sensor_takes(folder, capsys) -> None:
     assert high - low > 2.0 * 3.18 * found['gain']['std'], 'three degrees of freedom'
     assert sum(point['residual'] for point in found['points']) == pytest.approx(0.0, abs=1e-12)
     assert not found['warnings']
-    calibration = Calibration.read('lateral.yaml', 'lateral')
+    text = Path('lateral.yaml').read_text()
+    assert set(parameters_of('lateral_sensor', text, '')) == {'gain', 'offset', 'range'}
+    calibration = told_by(Calibration(), 'lateral_sensor', [('', text)])
     assert calibration.range == (0.1, 9.9)
     assert calibration.apply([5.0])[0] == pytest.approx(0.0, abs=2e-5)
 

@@ -67,7 +67,6 @@ def test_a_library_that_is_missing_is_named_with_its_extra(name, monkeypatch) ->
     ('driver', 'settings', 'words'),
     [
         ('serial_line Sensor', {'columns': 2, 'column': 2}, 'column 2 of 2'),
-        ('serial_line Sensor', {'scale': 0.0}, 'scale: 0'),
         ('nidaqmx Sensor', {'least_v': 10.0}, 'least_v: 10 V is not below largest_v'),
         ('modbus Drive', {'actual_register': 1, 'speed_scale_mps': 0.0}, 'speed_scale_mps: 0'),
         ('modbus Drive', {'timeout_s': 3.0}, r'timeout_s: 3\.0 is above 0\.5'),

@@ -13,59 +13,38 @@ from hunt_ros.drivers.calibration import Calibration, fit_line
 from hunt_ros.errors import ConfigError
 
 
-def _read(text: str, tmp_path, channel: str = 'lateral') -> Calibration:
-    path = tmp_path / 'lateral.yaml'
-    path.write_text(text)
-    return Calibration.read(str(path), channel)
-
-
-def test_gain_offset_and_range(tmp_path) -> None:
-    calibration = _read(
-        'calibration: {channel: lateral, unit: m, gain: -0.002, offset: 0.001, polarity: 1,'
-        ' range: [-10, 10]}',
-        tmp_path,
-    )
+def test_gain_offset_and_range() -> None:
+    calibration = Calibration(-0.002, 0.001, (-10.0, 10.0))
     values = calibration.apply([0.0, 5.0, 10.0, -10.0, 11.0, math.nan])
     assert values[:2] == pytest.approx([0.001, -0.009])
     assert np.isnan(values[2:]).all()
     assert calibration.saturated([9.99, 10.0, math.nan]).tolist() == [False, True, False]
 
 
-def test_no_file_means_readings_in_si() -> None:
-    assert Calibration.read('', 'yaw').apply([1e9, -2.0]).tolist() == [1e9, -2.0]
+def test_without_one_readings_are_si() -> None:
+    assert Calibration().apply([1e9, -2.0]).tolist() == [1e9, -2.0]
 
 
 def test_the_range_of_the_device_counts_too() -> None:
     both = Calibration(range=(-8.0, 20.0)).within(-10.0, 10.0)
     assert both.range == (-8.0, 10.0)
+    assert Calibration().within(-10.0, 10.0).range == (-10.0, 10.0)
 
 
 @pytest.mark.parametrize(
-    ('text', 'words'),
+    ('given', 'words'),
     [
-        ('calibration: {gain: 0}', 'gain: 0.0'),
-        ('calibration: {gain: big}', "gain: 'big' is not a number"),
-        ('calibration: {offset: 1}', 'expected a gain'),
-        ('calibration: {gain: 1, polarity: -1}', 'polarity: -1, expected 1'),
-        ('calibration: {gain: 1, range: [3, 3]}', r'range: \(3, 3\)'),
-        ('calibration: {gain: 1, range: 3}', 'range: 3 is not a list'),
-        ('calibration: {gain: 1, range: [a, b]}', 'range: .*, expected a lower'),
-        ('calibration: {gain: 1, channel: yaw}', 'channel: yaw, expected lateral'),
-        ('calibration: {gain: 1, channel: lateral, unit: mm}', 'unit: mm, expected m'),
-        ('gain: 1', 'under the key calibration'),
-        ('{', 'while parsing'),
+        ({'gain': 0.0}, 'gain: 0.0'),
+        ({'gain': math.inf}, 'gain: inf'),
+        ({'offset': math.inf}, 'offset: inf'),
+        ({'range': (3.0, 3.0)}, r'range: \(3.0, 3.0\)'),
+        ({'range': (3.0,)}, 'range: .*, expected a lower'),
+        ({'range': (math.nan, 1.0)}, 'range: .*, expected a lower'),
     ],
 )
-def test_what_is_no_calibration_is_one_line_with_the_file(tmp_path, text, words) -> None:
-    with pytest.raises(ConfigError, match=words) as caught:
-        _read(text, tmp_path)
-    assert 'lateral.yaml' in str(caught.value)
-    assert '\n' not in str(caught.value)
-
-
-def test_a_file_that_is_not_there_is_one_line() -> None:
-    with pytest.raises(ConfigError, match='calibration /nowhere: No such file'):
-        Calibration.read('/nowhere', 'yaw')
+def test_what_is_no_calibration_is_one_line(given, words) -> None:
+    with pytest.raises(ConfigError, match=words):
+        Calibration(**given)
 
 
 @given(

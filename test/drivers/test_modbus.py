@@ -82,13 +82,13 @@ def test_word_order_is_that_of_the_standard_unless_it_is_said_otherwise() -> Non
     assert Register(0, 'input', 'uint32', 'little').encode(0x0001_0002) == [2, 1]
 
 
-def test_an_analog_input_is_scaled_and_signed(modbus_server, machine) -> None:
+def test_an_analog_input_is_signed(modbus_server, machine) -> None:
     modbus_server.put(30, -1234)
-    sensor = _sensor(modbus_server, register=30, scale=0.5e-3)
+    sensor = _sensor(modbus_server, register=30)
     sensor.open()
     before = time.time_ns()
     block = _read(sensor, machine)
-    assert block.values.tolist() == [-0.617]
+    assert block.values.tolist() == [-1234.0]
     assert before - 1e9 < block.stamps_ns[0] < time.time_ns()
     sensor.close()
 

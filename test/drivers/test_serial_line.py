@@ -38,7 +38,7 @@ def _read_on(sensor: Sensor) -> None:
 
 
 def test_lines_become_samples_however_they_are_cut(terminal, machine) -> None:
-    sensor = _open(terminal, separator=',', column=1, columns=3, scale=1e-3)
+    sensor = _open(terminal, separator=',', column=1, columns=3)
     wire = b'81,9\n' + b''.join(b'%d,%d.5,x\r\n' % (k, -k) for k in range(60))
     got: list[float] = []
     rng = np.random.default_rng(1)
@@ -49,9 +49,7 @@ def test_lines_become_samples_however_they_are_cut(terminal, machine) -> None:
         got += sensor.read(0.01).values.tolist()
     if len(got) < 60:
         got += _read(sensor, 60 - len(got), machine)[0]
-    assert got == pytest.approx(
-        [-1e-3 * (k + 0.5) if k else 0.5e-3 for k in range(60)], abs=1.1e-3
-    )
+    assert got == [-(k + 0.5) if k else 0.5 for k in range(60)]
     assert len(got) == 60
     sensor.close()
 

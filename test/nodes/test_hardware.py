@@ -14,11 +14,7 @@ from hunt_ros.errors import ConfigError, DriverError
 from hunt_ros.nodes.topic_driver import Sensor, Topic
 
 
-def test_readings_become_si_and_a_device_that_is_cut_is_heard_again(
-    graph, modbus_server, tmp_path
-) -> None:
-    file = tmp_path / 'axle_box.yaml'
-    file.write_text('calibration: {channel: axle_box, gain: 0.002, offset: 0.5, range: [-9, 9]}')
+def test_readings_become_si_and_a_device_that_is_cut_is_heard_again(graph, modbus_server) -> None:
     health = graph.told()
     heard = graph.collect(JointState, 'axle_box')
     modbus_server.put(3, 3)
@@ -27,7 +23,9 @@ def test_readings_become_si_and_a_device_that_is_cut_is_heard_again(
         driver='modbus',
         port=modbus_server.port,
         register=3,
-        calibration=file,
+        gain=0.002,
+        offset=0.5,
+        range=[-9.0, 9.0],
         sample_rate_hz=20.0,  # a slow bus
     )
     graph.spin_until(lambda: heard)

@@ -30,7 +30,8 @@ DEPTH = 'qos_overrides./rig/lateral.subscription.depth'
         ('lateral_sensor', {'driver': 'telepathy'}, "'telepathy': unknown, those there are:"),
         ('yaw_sensor', {'sample_rate': 200.0}, "'sample_rate', expected sample_rate_hz"),
         ('axle_box_sensor', {}, "driver simulated: no channel 'axle_box', it has lateral, yaw"),
-        ('yaw_sensor', {'calibration': 'table.yaml'}, "table.yaml: unknown key 'table'"),
+        ('yaw_sensor', {'calibration': 'yaw.yaml'}, 'expected gain, offset and range'),
+        ('yaw_sensor', {'gain': 0.0}, 'gain: 0.0, expected a finite number that is not 0'),
         ('roller_speed', {'driver': 'modbus'}, 'neither actual_register nor encoder_register'),
         (
             'roller_speed',
@@ -45,7 +46,6 @@ DEPTH = 'qos_overrides./rig/lateral.subscription.depth'
     ],
 )
 def test_what_a_node_refuses_ends_it_with_one_line(graph, node, parameters, words) -> None:
-    (graph.folder / 'table.yaml').write_text('calibration: {table: [[0, 0], [2, 1]]}')
     (graph.folder / 'hold.yaml').write_text('profile: [{hold: {speed_mps: 6, duration_s: -1}}]')
     (graph.folder / 'binary.yaml').write_bytes(b'\xff\xfe\xff')
     graph.start(node, **parameters)

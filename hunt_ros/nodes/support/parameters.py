@@ -34,6 +34,8 @@ _ARRAYS = {
     'tuple[int, ...]': Parameter.Type.INTEGER_ARRAY,
 }
 _FIXED, _FORM = 'set at the start only', 'normal_form.'
+#: Parameters of earlier versions: without them a reading would be taken for SI.
+_GONE = {'calibration': 'gain, offset and range', 'scale': 'gain'}
 #: Gets the settings by their class as they would be, those that do not change among them.
 Check = Callable[[Mapping[type, Any]], None]
 
@@ -138,7 +140,7 @@ def refuse_unknown(node: Node) -> None:
         foreign = name.startswith(('qos_overrides.', _FORM))
         # The rig is described to all nodes, and each takes what it needs.
         if not node.has_parameter(name) and not foreign and name not in RIG:
-            if near := meant(name, node._parameters):
+            if near := _GONE.get(name) or meant(name, node._parameters):
                 raise ConfigError(f'unknown parameter {name!r}, expected {near}')
             node.get_logger().warning(f'unknown parameter {name!r} is ignored')
 

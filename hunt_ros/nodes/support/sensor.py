@@ -44,9 +44,6 @@ class SensorConfig(Settings):
         high=2000.0,
         fixed=True,
     )
-    calibration: str = setting(
-        '', 'File of hunt calibrate: what a reading means; empty: readings are SI.', fixed=True
-    )
     frame_id: str = setting('roller_rig', 'frame_id of the messages.', fixed=True)
 
 
@@ -62,11 +59,10 @@ class SensorNode(DriverNode[SensorDriver]):
 
     def __init__(self, channel: str) -> None:
         super().__init__(f'{channel}_sensor')
-        self._config = declare(self, SensorConfig)
+        self._config, given = declare(self, SensorConfig), declare(self, Calibration)
         driver = self._use_driver(
             self._config.driver, 'Sensor', channel, self._config.sample_rate_hz
         )
-        given = Calibration.read(self._config.calibration, channel)
         self._calibration = given.within(*driver.range)
         self._written = joint_writer([channel], self._config.frame_id)
         self._published = self._lost = self._bad = self._saturated = 0
