@@ -21,7 +21,6 @@ import hashlib
 import os
 import pickle
 import re
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -138,8 +137,7 @@ def serve_live(say: Callable[[str], None]) -> None:
     """
     Never compile in this process; to be called before any kernel is imported.
 
-    Where machine code is missing, every kernel of this process runs as plain Python, and a
-    process of the lowest priority makes the machine code for the next start.
+    Where machine code is missing, every kernel of this process runs as plain Python.
 
     Parameters
     ----------
@@ -152,27 +150,12 @@ def serve_live(say: Callable[[str], None]) -> None:
     if not HAVE_COMPILER or is_complete():
         return
     HAVE_COMPILER = False
-    say(
-        'the kernels are not compiled: they run as plain Python, slower; `hunt compile` is at'
-        ' work behind it, for the next start'
-    )
-    subprocess.Popen(
-        [sys.executable, '-m', f'{_NAME}.cli.main', 'compile', '--background'],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
+    say('the kernels are not compiled: they run as plain Python, slower (`hunt compile`)')
 
 
-def compile_all(processes: int | None = None) -> int:
+def compile_all() -> int:
     """
-    Compile every kernel of the package that is not on disk.
-
-    Parameters
-    ----------
-    processes : int, optional
-        How many work side by side; None: one for each core.
+    Compile every kernel of the package that is not on disk, on every core.
 
     Returns
     -------
@@ -198,7 +181,7 @@ def compile_all(processes: int | None = None) -> int:
             return 0
         # The largest first: with two at work, it decides how long it takes.
         missing.sort(key=lambda name: -len(_source(KERNELS[name].py_func)))
-        count = min(processes or os.cpu_count() or 1, len(missing))
+        count = min(os.cpu_count() or 1, len(missing))
         if missing:
             _say(f'compiling {len(missing)} kernels, once: about {_USUAL_S} s')
         if count > 1:
