@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Files: text that a user has named, and what is written whole or not at all."""
 
 from __future__ import annotations
 
@@ -7,7 +7,33 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from hunt_ros.errors import HuntError
+from hunt_ros.errors import ConfigError, HuntError
+
+
+def read_text(path: str | Path, what: str) -> str:
+    """
+    Read a text file that a user has named.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    what : str
+        What it should be, for the message: 'normal form'.
+
+    Raises
+    ------
+    ConfigError
+        If it is missing, a folder, not readable, empty, or no text.
+    """
+    try:
+        text = Path(path).read_text(encoding='utf-8')
+    except (OSError, ValueError) as error:
+        reason = getattr(error, 'strerror', None) or 'not UTF-8 text'
+        raise ConfigError(f'{path}: cannot read it as a {what} ({reason})') from error
+    if not text.strip():
+        raise ConfigError(f'{path}: cannot read it as a {what} (the file is empty)')
+    return text
 
 
 def write_whole(

@@ -39,8 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the rig, compute, print."""
-    text = options.read_text(arguments.wheelset, 'rig')
-    rig = RigParameters.from_yaml(text, str(arguments.wheelset))
+    rig = RigParameters.read(arguments.wheelset)
     form = normal_form_of(rig)
     branch = cycles_of(rig)
     result = document(form, branch)

@@ -16,6 +16,7 @@ from hunt_ros.cli.support.replay_report import document, lines_of
 from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig, HuntingDetector
 from hunt_ros.detection.offline import collect, config_for, frequency_for
 from hunt_ros.detection.replay import detect, samples_apart, watch
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import ConfigError
 from hunt_ros.recorded_run import RecordedRun, recorded_run
@@ -45,8 +46,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Replay; offline unless --live."""
     _check(arguments)
-    given = (arguments.normal_form, arguments.rig, arguments.set, arguments.channel)
-    another = arguments.fresh or arguments.live or any(given)  # than the live run of it
+    others = (arguments.normal_form, arguments.rig, arguments.set, arguments.channel)
+    another = arguments.fresh or arguments.live or any(others)  # than the live run of it
     live = None if another else recorded_run(arguments.bag)
     record = read(arguments, as_stamped=live is not None)
     asked, beside = options.settings_of(arguments, 'hunting_detector', *_KINDS)
@@ -61,7 +62,9 @@ def run(arguments: argparse.Namespace) -> int:
             detector = HuntingDetector(config)
             outputs = iter([detect(detector, record, live.journal)])
         else:
-            form = options.read_form(arguments.normal_form) if arguments.normal_form else None
+            form = (
+                IdentifiedNormalForm.read(arguments.normal_form) if arguments.normal_form else None
+            )
             config, more = frequency_for(record, config, known=form is not None)
             remarks += more
             detector = HuntingDetector(config, form)
@@ -122,8 +125,5 @@ def _of_the_live_run(record: Record, live: RecordedRun) -> list[str]:
 
 def _companions(beside: CompanionConfig, config: DetectorConfig) -> Companions:
     """Make criteria and forecast; the forecast is made once, from the whole recording."""
-    rig = None
-    if beside.forecast == 'wheelset' and beside.forecast_rig:
-        path = Path(beside.forecast_rig)
-        rig = RigParameters.from_yaml(options.read_text(path, 'rig'), str(path))
+    rig = RigParameters.read(beside.forecast_rig) if beside.forecast == 'wheelset' else None
     return Companions(beside, config, rig, live=False)

@@ -18,7 +18,7 @@ from hunt_ros.cli.support.console import Console
 from hunt_ros.cli.support.supervisor import Supervisor
 from hunt_ros.cli.support.view import View
 from hunt_ros.drivers.safety_state import state_file
-from hunt_ros.dynamics.identified import NEWEST_FILE
+from hunt_ros.dynamics.identified import NEWEST_FILE, IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
 from hunt_ros.rig import UNSTOPPED
 from hunt_ros.services import SERVICES
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
     files = [*arguments.rig, *([form] if form else [])]
     rig = options.rig_of(arguments)
     if form:
-        options.read_form(form).refuse_other(rig.rig_name, str(form))
+        IdentifiedNormalForm.read(form).refuse_other(rig.rig_name, str(form))
     sources = () if arguments.listen else sources_of(rig.channels)
     options.refuse_drivers(arguments, sources)
     alarms = options.alarm_outputs_of(arguments)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import argparse
 import sys
 from functools import partial
-from pathlib import Path
 
 from hunt_ros.bag.record_writer import write_record
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import tell
-from hunt_ros.dynamics.parameters import RigParameters, paper_rig
+from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.profile import Profile
 from hunt_ros.dynamics.simulation import Kick, Roughness, SensorModel, SimulationSettings, simulate
 from hunt_ros.errors import ConfigError
@@ -36,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     pair = options.numbers(options.number(-1e6, 1e6), ':', form='T:SIZE')
     what = 'blow at T seconds that moves the wheelset sideways by SIZE m; repeatable'
     add('--kick', type=pair, action='append', default=[], metavar='T:SIZE', help=what)
-    add('--wheelset', type=Path, metavar='FILE', help='the rig as YAML (default: built in)')
+    add('--wheelset', default='', metavar='FILE', help='the rig as YAML (default: built in)')
     add('--rate', default=500.0, help='samples a second of the sensors (%(default)s)')
     size = options.number(0.0, 0.1)
     for name, default, metavar, what in (
@@ -52,7 +51,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate, write the bag, say where it is."""
-    rig, settings = _rig(arguments.wheelset), _settings(arguments)
+    rig, settings = RigParameters.read(arguments.wheelset), _settings(arguments)
     profile = Profile.read(arguments.profile)
     duration_s = profile.duration_s if arguments.duration is None else arguments.duration
     if duration_s > options.LONGEST_S:
@@ -87,12 +86,6 @@ def run(arguments: argparse.Namespace) -> int:
         lambda: f'{path}: {record.duration_s:.1f} s, {samples} samples',
     )
     return 0
-
-
-def _rig(path: Path | None) -> RigParameters:
-    if path is None:
-        return paper_rig()
-    return RigParameters.from_yaml(options.read_text(path, 'rig'), str(path))
 
 
 def _settings(arguments: argparse.Namespace) -> SimulationSettings:

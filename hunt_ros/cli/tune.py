@@ -10,6 +10,7 @@ from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import progress, tell
 from hunt_ros.cli.support.recordings import add_recordings, identified
 from hunt_ros.detection import DetectorConfig
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
 from hunt_ros.report.figures.style import write_picture
 from hunt_ros.report.tuning import Outcome, Truth, picture, tune, usual_grid
@@ -32,7 +33,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Say what is true, replay, and compare; 1 where no recording says what is true."""
     (config,) = options.settings_of(arguments, 'hunting_detector', DetectorConfig)
-    form = options.read_form(arguments.normal_form) if arguments.normal_form else None
+    form = IdentifiedNormalForm.read(arguments.normal_form) if arguments.normal_form else None
     asked = dict(map(_values, arguments.grid))
     _, found = identified(arguments, here=True)
     grid = asked or usual_grid(found, form is not None)

@@ -12,6 +12,7 @@ import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from hunt_ros.dynamics.covariance_root import covariance_root
 from hunt_ros.dynamics.mode_shape import ModeShape, numbers
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, NormalForm
 from hunt_ros.errors import ConfigError
+from hunt_ros.files import read_text
 from hunt_ros.settings import checked, yaml_document
 
 #: Order of the identified parameters in `IdentifiedNormalForm.covariance`.
@@ -149,6 +151,11 @@ class IdentifiedNormalForm:
         document = {'/**': {'ros__parameters': {'normal_form': group}}}
         text: str = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=99)
         return text
+
+    @classmethod
+    def read(cls, path: Path) -> IdentifiedNormalForm:
+        """Read a parameter file of `hunt identify --out`, see `from_yaml`."""
+        return cls.from_yaml(read_text(path, 'normal form'), str(path))
 
     @classmethod
     def from_yaml(cls, text: str, source: str = 'normal form') -> IdentifiedNormalForm:

@@ -10,11 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any
 
 import yaml
 
 from hunt_ros.errors import ConfigError
+from hunt_ros.files import read_text
 from hunt_ros.settings import checked, yaml_document, yaml_value
 
 #: Keys 'ij' of alpha and beta: coefficients of y*^i psi^j in Eqs. (2), (3).
@@ -199,6 +201,12 @@ class RigParameters:
         """Return the rig as YAML; `from_yaml` of it is equal to the rig."""
         text: str = yaml.safe_dump(asdict(self), sort_keys=False)
         return text
+
+    @classmethod
+    def read(cls, path: str | Path) -> RigParameters:
+        """Read the rig that stands in a file, see `from_yaml`; without a name the built-in one."""
+        text = path and read_text(path, 'rig')
+        return cls.from_yaml(text, str(path)) if text else paper_rig()
 
     @classmethod
     def from_yaml(cls, text: str, source: str = 'rig') -> RigParameters:

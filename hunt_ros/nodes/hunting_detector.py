@@ -26,17 +26,14 @@ from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.output import EVENT_NUMBERS, Event, Output
 from hunt_ros.detection.regions import Level
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.support.conversions import diagnostic
 from hunt_ros.nodes.support.diagnostics import Health, NewSince, log, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import EstimatePublishers
 from hunt_ros.nodes.support.hearing import Calls, Channels
 from hunt_ros.nodes.support.node import SuiteNode
-from hunt_ros.nodes.support.parameters import (
-    declare,
-    declare_normal_form,
-    read_wheelset,
-)
+from hunt_ros.nodes.support.parameters import declare, declare_normal_form
 from hunt_ros.nodes.support.qos import EVENTS, JOURNAL, STATUS, latched
 from hunt_ros.nodes.support.worker import offer
 from hunt_ros.rig import of_rig
@@ -84,7 +81,7 @@ class HuntingDetectorNode(SuiteNode):
         self._verdicts = self.create_publisher(DiagnosticArray, 'hunting/criteria', EVENTS)
         beside, rig = self._beside, None
         if beside.forecast == 'wheelset':
-            rig = read_wheelset(beside.forecast_rig)
+            rig = RigParameters.read(beside.forecast_rig)
         self._companions = Companions(beside, self._config, rig)
         self._motions: SimpleQueue[NDArray[np.void]] = SimpleQueue()
         self.work(_TASK, self._accompany)

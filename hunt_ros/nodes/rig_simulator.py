@@ -23,12 +23,13 @@ from rosgraph_msgs.msg import Clock
 
 from hunt_ros.drivers.simulated import Channel
 from hunt_ros.drivers.simulator_server import SimulatorServer
+from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.simulation import RollerRig, Roughness, SensorModel, SimulationSettings
 from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.support.conversions import to_ns, to_time
 from hunt_ros.nodes.support.diagnostics import Health
 from hunt_ros.nodes.support.node import SuiteNode
-from hunt_ros.nodes.support.parameters import declare, read_wheelset
+from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import STATUS, stream
 from hunt_ros.nodes.support.worker import offer
 from hunt_ros.samples import NANOSECONDS
@@ -161,7 +162,7 @@ class RigSimulatorNode(SuiteNode):
             initial_speed=config.initial_speed_mps,
             **_ORDINARY,
         )
-        self._rig = RollerRig(read_wheelset(config.wheelset), settings, seed=config.seed)
+        self._rig = RollerRig(RigParameters.read(config.wheelset), settings, seed=config.seed)
         self._server = SimulatorServer(config.host, config.port)
         self._clock_publisher = self._pace = None
         if config.time_scale != 1.0:

@@ -39,7 +39,7 @@ DEPTH = 'qos_overrides./rig/lateral.subscription.depth'
             'use_sim_time: a drive that is real runs by the steady clock',
         ),
         ('roller_speed', {'profile': 'hold.yaml'}, 'step 1 (hold): duration_s: -1.0 is below 0'),
-        ('rig_simulator', {'wheelset': 'binary.yaml'}, "wheelset 'binary.yaml': cannot read it"),
+        ('rig_simulator', {'wheelset': 'binary.yaml'}, 'binary.yaml: cannot read it as a rig'),
         ('alarm_outputs', {}, 'none of sound, command and relay_coil'),
         ('alarm_outputs', {'command': '/nowhere/notify'}, "no program '/nowhere/notify'"),
         ('hunting_detector', {DEPTH: "'many'"}, DEPTH),

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from hunt_ros.bag.columns import read_record
-from hunt_ros.cli.support import options
 from hunt_ros.cli.support.view import View
 from hunt_ros.dynamics.center_manifold import normal_form_of
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
@@ -59,7 +58,7 @@ def show_results(bag: Path, refitted: Path, folder: Path, view: View) -> None:
         cells = ['' if each is None else f'{each:.4g}' for each in (true, published)]
         view.say(f'  {name:10}{found or "not known"!s:>24}{cells[0]:>10}{cells[1]:>13}')
     picture = folder / 'bifurcation.png'
-    _draw(options.read_form(refitted), result, truth, picture)
+    _draw(IdentifiedNormalForm.read(refitted), result, truth, picture)
     view.say('')
     for what, path in (('recording', bag), ('normal form', refitted), ('diagram', picture)):
         view.say(f'  {what:12} {path}')

@@ -17,13 +17,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from hunt_ros.errors import ConfigError, HuntError
+from hunt_ros.files import read_text
 from hunt_ros.settings import Settings
 from hunt_ros.suite import DRIVE
 
 if TYPE_CHECKING:
     from hunt_ros.bag import ChannelSource
     from hunt_ros.drivers.alarm_output import AlarmOutput
-    from hunt_ros.dynamics.identified import IdentifiedNormalForm
     from hunt_ros.rig import Rig
 
 _Kind = TypeVar('_Kind', bound=Settings)
@@ -239,13 +239,6 @@ def channels_of(
 
     told = channel_map(rig_of(arguments).sources, allowed)
     return told | channel_map(arguments.channel, allowed)
-
-
-def read_form(path: Path) -> IdentifiedNormalForm:
-    """Read a parameter file of `hunt identify --out`."""
-    from hunt_ros.dynamics.identified import IdentifiedNormalForm
-
-    return IdentifiedNormalForm.from_yaml(read_text(path, 'normal form'), str(path))
 
 
 def add_settings(
@@ -464,29 +457,3 @@ def check_stretch(arguments: argparse.Namespace) -> None:
     start = arguments.start or 0.0
     if arguments.end is not None and arguments.end <= start:
         raise ConfigError(f'--to: expected more than --from, {start:g} s, got {arguments.end:g} s')
-
-
-def read_text(path: Path, what: str) -> str:
-    """
-    Read a text file that a user has named.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    what : str
-        What it should be, for the message: 'normal form'.
-
-    Raises
-    ------
-    ConfigError
-        If it is missing, a folder, not readable, empty, or no text.
-    """
-    try:
-        text = path.read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else 'not UTF-8 text'
-        raise ConfigError(f'{path}: cannot read it as a {what} ({reason})') from error
-    if not text.strip():
-        raise ConfigError(f'{path}: cannot read it as a {what} (the file is empty)')
-    return text

@@ -12,6 +12,7 @@ from pathlib import Path
 from hunt_ros.bag import ChannelSource, check_units, read_record
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import progress
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError, HuntError
 from hunt_ros.identification import Identification, IdentificationSettings, Source, identify
 from hunt_ros.rig import Rig
@@ -129,7 +130,7 @@ def known_of(arguments: argparse.Namespace) -> Identification:
     path = Path(arguments.bags[0])
     if len(arguments.bags) > 1 or path.suffix != '.yaml':
         return identified(arguments)[1]
-    form = options.read_form(path)
+    form = IdentifiedNormalForm.read(path)
     if not whole_of(path).exists():
         raise ConfigError(
             f'{path}: {whole_of(path).name}, the whole identification, is not beside it:'

@@ -17,6 +17,7 @@ import yaml
 from hunt_ros.dynamics.profile.step import Motion, Step
 from hunt_ros.dynamics.profile.steps import STEPS
 from hunt_ros.errors import ConfigError
+from hunt_ros.files import read_text
 from hunt_ros.settings import yaml_document, yaml_value
 
 _WORDS = {kind: word for word, kind in STEPS.items()}
@@ -191,12 +192,7 @@ class Profile:
         """
         if 'profile:' in words:
             return cls.from_yaml(words)
-        try:
-            text = Path(words).read_text(encoding='utf-8')
-        except (OSError, UnicodeDecodeError, ValueError) as error:
-            reason = getattr(error, 'strerror', None) or error
-            raise ConfigError(f'profile {words!r}: cannot read it ({reason})') from error
-        found = cls.from_yaml(text, words)
+        found = cls.from_yaml(read_text(words, 'profile'), words)
         return found if found.name else replace(found, name=Path(words).stem)
 
 

@@ -55,21 +55,14 @@ class FormFiles:
         HuntError
             If it cannot be read.
         """
-        try:
-            text = self.newest.read_text(encoding='utf-8')
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError) as error:
-            raise HuntError(f'{self.newest}: cannot read the normal form ({error})') from error
-        return IdentifiedNormalForm.from_yaml(text, str(self.newest))
+        return IdentifiedNormalForm.read(self.newest) if self.newest.exists() else None
 
     def used(self) -> set[Path]:
         """Return every recording that a kept form rests on, gone back from or not."""
         found: set[Path] = set()
         for path in self._directory.glob('normal_form*.yaml'):
-            with suppress(OSError, ValueError, HuntError):
-                text = path.read_text(encoding='utf-8')
-                found.update(map(Path, IdentifiedNormalForm.from_yaml(text).recordings))
+            with suppress(HuntError):
+                found.update(map(Path, IdentifiedNormalForm.read(path).recordings))
         return found
 
     def earlier(self) -> list[Path]:
@@ -124,8 +117,7 @@ class FormFiles:
             raise HuntError(f'{self._directory}: no earlier normal form is kept there')
         latest = earlier[-1]
         try:
-            form = IdentifiedNormalForm.from_yaml(latest.read_text(encoding='utf-8'), str(latest))
-            text = rolled_back(form).to_yaml()
+            text = rolled_back(IdentifiedNormalForm.read(latest)).to_yaml()
             if self.newest.exists():
                 _move(self.newest, self._next('normal_form_reverted'))
             _move(latest, self.newest)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import Field, dataclass, fields, replace
 from functools import partial
-from pathlib import Path
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
@@ -20,7 +19,6 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.parameters import RigParameters, paper_rig
 from hunt_ros.errors import ConfigError
 from hunt_ros.rig import PARAMETERS as RIG
 from hunt_ros.settings import Settings, meant
@@ -143,24 +141,6 @@ def refuse_unknown(node: Node) -> None:
             if near := _GONE.get(name) or meant(name, node._parameters):
                 raise ConfigError(f'unknown parameter {name!r}, expected {near}')
             node.get_logger().warning(f'unknown parameter {name!r} is ignored')
-
-
-def read_wheelset(path: str) -> RigParameters:
-    """
-    Read the rig that a parameter names; an empty name is the built-in rig.
-
-    Raises
-    ------
-    ConfigError
-        If the file cannot be read or is no rig.
-    """
-    if not path:
-        return paper_rig()
-    try:
-        text = Path(path).read_text(encoding='utf-8')
-    except (OSError, ValueError) as error:  # no file, or no text
-        raise ConfigError(f'wheelset {path!r}: cannot read it ({error})') from error
-    return RigParameters.from_yaml(text, path)
 
 
 def _frozen(value: Any) -> Any:
