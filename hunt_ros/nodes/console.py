@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import sys
 import threading
-import time
 from concurrent.futures import Future
 from contextlib import suppress
 from functools import partial
@@ -25,12 +24,8 @@ from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
 from hunt_ros.services import KEYS, SERVICES
 
-#: A status is printed so often at most, unless what is in force changes, s.
-_STATUS_S = 0.1
 #: Answers come in another thread than what is heard, and two lines in one are none.
 _WRITING = threading.Lock()
-#: What is in force.
-_IN_FORCE = ('level', 'state', 'alarm', 'emergency_stop', 'interlock_state', 'profile_state')
 
 
 class ConsoleNode(SuiteNode):
@@ -38,14 +33,13 @@ class ConsoleNode(SuiteNode):
 
     def __init__(self) -> None:
         super().__init__('console', alone=False)
-        self._printed: dict[str, tuple[float, list[str | None]]] = {}
-        for topic, quality, take in (
-            ('hunting/events', EVENTS, self._print),
-            ('hunting/status', STATUS, self._print_at_times),
-            ('speed/status', latched(), self._print_at_times),
-            ('/diagnostics', EVENTS, self._print),
+        for topic, quality in (
+            ('hunting/events', EVENTS),
+            ('hunting/status', STATUS),
+            ('speed/status', latched()),
+            ('/diagnostics', EVENTS),
         ):
-            self.create_subscription(DiagnosticArray, topic, partial(take, topic), quality)
+            self.create_subscription(DiagnosticArray, topic, partial(_print, topic), quality)
         for topic in ('hunting/normal_form', 'recording/closed'):
             self.create_subscription(String, topic, partial(_print_text, topic), latched())
         self._caller = Caller(self, KEYS.values())
@@ -57,18 +51,10 @@ class ConsoleNode(SuiteNode):
                 answer = self._caller.call(word)
                 answer.add_done_callback(partial(_answered, SERVICES[word].name))
 
-    def _print_at_times(self, topic: str, message: DiagnosticArray) -> None:
-        """Print a status unless one that says the same was printed just now."""
-        told = read_diagnostic(message)
-        now, in_force = time.monotonic(), [told.get(name) for name in _IN_FORCE]
-        at, before = self._printed.get(topic, (0.0, []))
-        if in_force != before or now - at >= _STATUS_S:
-            self._printed[topic] = now, in_force
-            self._print(topic, message)
 
-    def _print(self, topic: str, message: DiagnosticArray) -> None:
-        stamp_ns = to_ns(message.header.stamp)
-        _write({'topic': topic, 'stamp_ns': stamp_ns, **read_diagnostic(message)})
+def _print(topic: str, message: DiagnosticArray) -> None:
+    stamp_ns = to_ns(message.header.stamp)
+    _write({'topic': topic, 'stamp_ns': stamp_ns, **read_diagnostic(message)})
 
 
 def _print_text(topic: str, message: String) -> None:
