@@ -58,11 +58,11 @@ def measured() -> dict[str, Published]:
 def published(measured: dict[str, Published]) -> dict[str, Published]:
     """Topics of the running suite below the namespace `rig`, from the tables of its nodes."""
     pytest.importorskip('rclpy', reason='the tables of topics stand in the nodes')
-    from hunt_ros.nodes.bag_recorder import DESIGN_TOPICS, LATCHED_TOPICS
+    from hunt_ros.nodes.bag_recorder import TOPICS
     from hunt_ros.nodes.support.estimate_publishers import ESTIMATES
 
     topics = dict(measured)
-    for name, kind in {**DESIGN_TOPICS, **LATCHED_TOPICS}.items():
+    for name, (kind, _) in TOPICS.items():
         topics.setdefault(name if name.startswith('/') else f'/rig/{name}', Published(kind))
     for each in ESTIMATES:
         filled = ('position', *['velocity'] * each.rate, *['effort'] * each.std)

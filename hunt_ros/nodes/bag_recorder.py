@@ -51,22 +51,23 @@ from hunt_ros.suite import Awaited
 
 #: What the operator wrote; the service of this name marks the moment of its call.
 _MARK_TOPIC = 'recording/mark'
-#: Subscribed before their publishers appear, so that their first message is in the bag.
-DESIGN_TOPICS: dict[str, str] = {
-    **{channel: kind for channel, (kind, _) in CHANNEL_FIELDS.items()},
-    'speed/target': TWIST_STAMPED,
-    'hunting/events': DIAGNOSTIC_ARRAY,
-    'hunting/status': DIAGNOSTIC_ARRAY,
-    _MARK_TOPIC: STRING,
-    '/diagnostics': DIAGNOSTIC_ARRAY,
+#: Subscribed before their publishers appear, so that their first message is in the bag: type, and
+#: how many messages its publisher keeps for who comes late, of the log the last lines. 0: none.
+TOPICS: dict[str, tuple[str, int]] = {
+    **{channel: (kind, 0) for channel, (kind, _) in CHANNEL_FIELDS.items()},
+    'speed/target': (TWIST_STAMPED, 0),
+    'speed/status': (DIAGNOSTIC_ARRAY, 1),
+    'hunting/status': (DIAGNOSTIC_ARRAY, 0),
+    'hunting/events': (DIAGNOSTIC_ARRAY, 0),
+    'hunting/alarms': (STRING, 1),
+    'hunting/normal_form': (STRING, 1),
+    'hunting/journal': (STRING, JOURNAL.depth),
+    _MARK_TOPIC: (STRING, 0),
+    '/diagnostics': (DIAGNOSTIC_ARRAY, 0),
+    '/rosout': ('rcl_interfaces/msg/Log', 100),
 }
-#: What they offer that are latched.
-LATCHED_TOPICS: dict[str, str] = {
-    'hunting/normal_form': STRING,
-    'hunting/journal': STRING,
-    'hunting/alarms': STRING,
-    'speed/status': DIAGNOSTIC_ARRAY,
-}
+#: The graph does not tell it of others.
+_FOREIGN_KEPT = 1000
 #: Of the whole graph, recorded beside the namespace of the rig.
 GLOBAL_TOPICS = ('/diagnostics', '/parameter_events', '/rosout')
 OWN_TOPIC = 'recording/closed'
@@ -74,14 +75,6 @@ OWN_TOPIC = 'recording/closed'
 #: messages; and what is said with calls, for what comes of it is, and who calls waits until the
 #: node that is meant hears it, not a recorder.
 _LEFT_OUT = (OWN_TOPIC, PARAMETERS, *{f'{service.node}/calls' for service in SERVICES.values()})
-#: How many messages of a latched topic its publisher keeps for who comes late; of the log the
-#: last lines. The graph does not tell it of a topic that is not of the design.
-_LATCHED_KEPT = {
-    **dict.fromkeys(LATCHED_TOPICS, 1),
-    'hunting/journal': JOURNAL.depth,
-    '/rosout': 100,
-}
-_FOREIGN_KEPT = 1000
 #: So many nodes may tell their parameters at once.
 _NODES = 100
 #: What a reader missed is sent again after the heartbeat of its writer, every 3 s by default. One
@@ -188,9 +181,8 @@ class BagRecorderNode(SuiteNode):
         least_free = lambda: int(self._config.least_free_mib * 2**20)  # noqa: E731
         self._clipper = Clipper(self, self._goes_on, least_free)
         self._look_around()  # who sees that it listens may count on the recording
-        for names, is_latched in ((DESIGN_TOPICS, False), (LATCHED_TOPICS, True)):
-            for name, kind in names.items():
-                self._subscribe(self._full(name), kind, True, is_latched)
+        for name, (kind, kept) in TOPICS.items():
+            self._subscribe(self._full(name), kind, True, kept > 0)
         words = ('start', 'stop', 'split', 'mark')
         self.offer_beside({f'recording/{word}': getattr(self, f'_on_{word}') for word in words})
         # A long repair of an earlier recording must not keep this one from beginning.
@@ -315,7 +307,7 @@ class BagRecorderNode(SuiteNode):
             return
         with self._busy:
             if topic is None:
-                depths = {self._full(each): depth for each, depth in _LATCHED_KEPT.items()}
+                depths = {self._full(each): depth for each, (_, depth) in TOPICS.items()}
                 kept = depths.get(name, _FOREIGN_KEPT)
                 topic = self._topics[name] = _Topic(self, name, kind, is_latched, kept)
                 if self._recording is not None:
