@@ -78,7 +78,6 @@ class HuntingDetectorNode(SuiteNode):
         self._status = self.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
         self._events = self.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
         self._journal = self.create_publisher(String, 'hunting/journal', JOURNAL)
-        self._verdicts = self.create_publisher(DiagnosticArray, 'hunting/criteria', EVENTS)
         beside, rig = self._beside, None
         if beside.forecast == 'wheelset':
             rig = RigParameters.read(beside.forecast_rig)
@@ -182,11 +181,7 @@ class HuntingDetectorNode(SuiteNode):
         return None if forecast is None else forecast.critical_speed
 
     def _on_verdict(self, verdict: Verdict) -> None:
-        """Publish that a railway criterion began or ceased to exceed its limit."""
-        values = {'exceeded': verdict.exceeded, 'index': verdict.index, 'limit': verdict.limit}
-        level = 'WARN' if verdict.exceeded else 'OK'
-        message = diagnostic(verdict.stamp_ns, verdict.criterion, level, '', values, self._rig)
-        self._verdicts.publish(message)
+        """Tell that a railway criterion began or ceased to exceed its limit."""
         status = self._detector.status
         known = {name: status.number(name) for name in EVENT_NUMBERS}
         self._tell(criterion_event(verdict, status.stamp_ns, status.level, known))
