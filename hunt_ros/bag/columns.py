@@ -6,7 +6,7 @@ Stamps and values of any numeric field as arrays, and the record of a rig.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -39,8 +39,6 @@ LONGEST_S = 30 * 86_400.0
 CONSTANT_STEP_NS = NANOSECONDS // 100
 #: So many samples of one stamp are no mistake of a sender: nothing can be told of their motion.
 _FEWEST_TIMES = 10
-#: Messages that room is made for at first, and at most before they are seen.
-_FIRST, _MOST = 1 << 14, 1 << 26
 
 
 def read_columns(
@@ -89,34 +87,37 @@ class _Reader:
 
     def columns(self) -> dict[str, Series]:
         """Return the columns, scaled."""
-        buffers = self._read()
+        found = self._read()
         # Joints of several publishers on one topic: the one that is named as the channel is meant.
-        shared = {name for name, buffer in buffers.items() if len(buffer.joints) > 1}
+        shared = {
+            name
+            for name, parts in found.items()
+            if len({joint for part in parts for joint in part.joints}) > 1
+        }
         if shared:
-            buffers = self._read(shared)
+            found = self._read(shared)
         columns = {}
-        for name, buffer in buffers.items():
-            source = self.sources[name]
-            columns[name] = buffer.series(source.scale, source.offset)
-            if buffer.others and not len(columns[name]):
+        for name, source in self.sources.items():
+            parts = found.pop(name)  # as numbers they need as much room again
+            others = {joint for part in parts for joint in part.others}
+            empty = sum(part.empty for part in parts)
+            columns[name] = _series(parts, self.stamps, source)
+            if others and not len(columns[name]):
                 field, wanted = joint_of(source.field) or ('position', name)
-                what = f'there is no joint {wanted!r}, it has {", ".join(sorted(buffer.others))}'
-                if buffer.empty:
+                what = f'there is no joint {wanted!r}, it has {", ".join(sorted(others))}'
+                if empty:
                     what = f'no message holds a {field} of joint {wanted!r}'
                 raise MessageError(f'{self.bag.path}: topic {self.topics[name]}: {what}')
-            if buffer.empty:
+            if empty:
                 self.bag.remarks.append(
-                    f'topic {self.topics[name]}: {buffer.empty} messages hold no'
+                    f'topic {self.topics[name]}: {empty} messages hold no'
                     f' {(joint_of(source.field) or ("position",))[0]}, and are passed over'
                 )
         return columns
 
-    def _read(self, shared: Collection[str] = ()) -> dict[str, _ColumnBuffer]:
+    def _read(self, shared: Collection[str] = ()) -> dict[str, list[Gathered]]:
         """Read once; the names in `shared` are those that `_wanted` looks for alone."""
-        buffers = {
-            name: _ColumnBuffer(self.bag.topics[topic].messages)
-            for name, topic in self.topics.items()
-        }
+        found: dict[str, list[Gathered]] = {name: [] for name in self.topics}
         plans: dict[tuple[str, str, str, str], Wanted] = {}
         for described, block in self.bag.blocks(set(self.topics.values())):
             for topic, places in by_topic(described, block.places):
@@ -127,12 +128,11 @@ class _Reader:
                     if plan not in plans:
                         plans[plan] = self._wanted(topic, name, name not in shared)
                     try:
-                        found = gather(block, places, plans[plan])
+                        found[name].append(gather(block, places, plans[plan]))
                     except ValueError as error:
                         kind = BagError if isinstance(error, PathError) else MessageError
                         raise kind(f'{self.bag.path}: topic {topic.name}: {error}') from error
-                    buffers[name].extend(found, self.stamps)
-        return buffers
+        return found
 
     def _wanted(self, topic: Topic, name: str, alone: bool) -> Wanted:
         """
@@ -154,56 +154,28 @@ class _Reader:
         return Wanted(definitions, topic.type, parse_path(joint[0]), stamp, joint[1], alone)
 
 
-class _ColumnBuffer:
-    """Collects stamps, values and log times of one channel, with little beside their memory."""
-
-    def __init__(self, expected: int) -> None:
-        # The counts of a damaged file are not to be believed without bound.
-        capacity = min(expected, _MOST) or _FIRST
-        self._stamps = np.empty(capacity, dtype=np.int64)
-        self._values = np.empty(capacity)
-        self._log = np.empty(capacity, dtype=np.int64)
-        self._size = 0
-        self.joints: set[str] = set()
-        self.others: set[str] = set()
-        self.empty = 0
-
-    def extend(self, found: Gathered, kind: Stamps) -> None:
-        """Append what was found in a block."""
-        self.joints |= found.joints
-        self.others |= found.others
-        self.empty += found.empty
-        log_ns = found.log_ns
-        stamps = log_ns if kind == 'log' else found.stamps_ns
-        if not stamps.all():
-            # A header that nobody filled says nothing: the log time stands in.
+def _series(parts: Sequence[Gathered], kind: Stamps, source: ChannelSource) -> Series:
+    """Return what was found in blocks, scaled, in the order of log time."""
+    if not parts:
+        return Series(np.zeros(0, np.int64), np.zeros(0))
+    log_ns = np.concatenate([part.log_ns for part in parts])
+    values = np.concatenate([part.values for part in parts])
+    stamps = log_ns
+    if kind == 'header':
+        stamps = np.concatenate([part.stamps_ns for part in parts])
+        if not stamps.all():  # a header that nobody filled: the log time stands in
             stamps = np.where(stamps == 0, log_ns, stamps)
-        end = self._size + found.values.size
-        if end > self._values.size:
-            # In place where the system can: the old and the new are rarely there together.
-            capacity = max(end, 2 * self._values.size)
-            for array in (self._stamps, self._values, self._log):
-                array.resize(capacity, refcheck=False)
-        place = slice(self._size, end)
-        self._stamps[place], self._values[place] = stamps, found.values
-        self._log[place] = log_ns
-        self._size = end
-
-    def series(self, scale: float, offset: float) -> Series:
-        """Return what was collected, scaled, in the order of log time."""
-        stamps, values = self._stamps[: self._size], self._values[: self._size]
-        log_ns = self._log[: self._size]
-        if (log_ns[1:] < log_ns[:-1]).any():
-            back = np.diff(log_ns, prepend=log_ns[:1]) < -_SET_BACK_NS
-            # A clock is set once; a writer that shuffles goes back all the time.
-            clock = np.cumsum(back) if 100 * np.count_nonzero(back) < back.size else 0 * log_ns
-            order = np.lexsort((log_ns, clock))
-            stamps, values = stamps[order], values[order]
-        if scale != 1.0:
-            values *= scale
-        if offset:
-            values += offset
-        return Series(stamps, values)
+    if (log_ns[1:] < log_ns[:-1]).any():
+        back = np.diff(log_ns, prepend=log_ns[:1]) < -_SET_BACK_NS
+        # A clock is set once; a writer that shuffles goes back all the time.
+        clock = np.cumsum(back) if 100 * np.count_nonzero(back) < back.size else 0 * log_ns
+        order = np.lexsort((log_ns, clock))
+        stamps, values = stamps[order], values[order]
+    if source.scale != 1.0:
+        values *= source.scale
+    if source.offset:
+        values += source.offset
+    return Series(stamps, values)
 
 
 def read_record(
