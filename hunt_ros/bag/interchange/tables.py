@@ -11,7 +11,7 @@ import logging
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from itertools import takewhile
 from pathlib import Path
@@ -54,8 +54,7 @@ _LOOKED_AT = 200
 #: A date and time with its zone; a name with its unit behind: `lateral [mm]`, `speed (km/h)`.
 _ZONE = re.compile(r'^(.+:[\d.]+)\s*(?:Z|UTC|([+-])(\d\d):?(\d\d)?)$')
 _NAME_UNIT = re.compile(r'^(.*\S)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|,\s+(\S+))$')
-#: A number whose digits are grouped by thousands, as 1,234.5; one with a single mark.
-_GROUPED = re.compile(r'[+-]?\d{1,3}(?:(?:,\d{3})+\.|(?:\.\d{3})+,)\d*')
+#: A number with a mark, which is that of its decimals.
 _ONE_MARK = re.compile(r'[+-]?\d*([.,])\d*(?:[eE][+-]?\d+)?')
 #: A number, which may have a decimal comma.
 _DECIMAL_COMMA = re.compile(r'[+-]?\d+(?:,\d+)?(?:[eE][+-]?\d+)?')
@@ -320,7 +319,7 @@ def _columns(
     plain = rows
     if delimiter != ',' and any(',' in row for row in rows):  # there it cannot separate
         plain = [row.replace(',', '.') for row in rows]
-    if plain is rows or not any('.' in row for row in rows):  # else one of them groups thousands
+    if plain is rows or not any('.' in row for row in rows):  # else either is the decimal mark
         for holes in (False, True):
             read = (_EMPTY.sub(rf'\1{_HOLE}', row) for row in plain) if holes else plain
             with suppress(ValueError):  # a word, a date, or a fault: it is said where
@@ -335,27 +334,15 @@ def _columns(
             raise BagError(f'line {place + 1} has {len(cells)} cells, expected {len(names)}')
         for column, cell in zip(columns, cells, strict=False):
             column.append(cell.strip())
-    grouping = _grouping({cell for column in columns for cell in column})
-    for column in columns:  # a date keeps its points
-        column[:] = [
-            (cell if ':' in cell else cell.replace(grouping, '')).replace(',', '.')
-            for cell in column
-        ]
+    different = {cell for column in columns for cell in column}
+    marks = {match[1]: cell for cell in different if (match := _ONE_MARK.fullmatch(cell))}
+    if len(marks) > 1:
+        raise BagError(
+            f'{" and ".join(marks.values())}: comma or point, which is the decimal mark?'
+        )
+    columns = [[cell.replace(',', '.') for cell in column] for column in columns]
     parts = zip(names, columns, whole, strict=True)
     return {name: _column(column, one, places) for name, column, one in parts}
-
-
-def _grouping(cells: Collection[str]) -> str:
-    """Return the mark that groups digits by thousands; '' where none does."""
-    marks = {
-        next(mark for mark in cell if mark in ',.') for cell in filter(_GROUPED.fullmatch, cells)
-    }
-    ones = {match[1]: cell for cell in cells if (match := _ONE_MARK.fullmatch(cell))}
-    if len(marks) > 1 or (len(ones) > 1 and not marks):
-        raise BagError(
-            f'{" and ".join(ones.values())}: comma or point, which is the decimal mark?'
-        )
-    return ''.join(marks)
 
 
 def _column(cells: list[str], whole: bool, places: list[int]) -> Any:
