@@ -17,9 +17,6 @@ if TYPE_CHECKING:
 
     from hunt_ros.detection import Event
 
-#: Points of a curve: more than a printed line can show are left out by taking extremes.
-_POINTS = 1500
-
 #: Events that get a mark in the picture; the table has all of them.
 _MARKED = {
     'escaping': 'v',
@@ -60,8 +57,8 @@ def run_overview(
         above, below = figure.subplots(2, 1, sharex=True)
         speed = record.get('speed')
         if speed is not None and len(speed):
-            time, values = thinned(speed.seconds(record.start_ns), speed.values)
-            above.plot(time, values, color=style.INK, linewidth=0.9)
+            time = speed.seconds(record.start_ns)
+            above.plot(time, speed.values, color=style.INK, linewidth=0.9)
         for value, words in zip(critical_speeds, (r'$v_n$', r'$v_c$'), strict=True):
             if value is not None:
                 above.axhline(value, color=style.MUTED, linewidth=0.6, linestyle=(0, (4, 2)))
@@ -73,7 +70,7 @@ def run_overview(
                     textcoords='offset points',
                     va='center',
                 )
-        time, values = thinned(*amplitude)
+        time, values = amplitude
         below.plot(time, style.MILLIMETRES * values, color=style.STABLE, linewidth=0.9)
         _mark_events(below, events, record.start_ns)
         style.frame(above, '', r'Speed $v$ (m/s)')
@@ -100,37 +97,3 @@ def _mark_events(axes: Axes, events: Sequence[Event], start_ns: int) -> None:
             )
     if axes.get_legend_handles_labels()[0]:
         style.legend_above(axes, columns=5)
-
-
-def thinned(
-    time: NDArray[np.float64], values: NDArray[np.float64], points: int = _POINTS
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """
-    Thin a curve without losing its extremes: of each stretch its lowest and highest point.
-
-    Parameters
-    ----------
-    time, values : ndarray, shape (n,)
-        NaN in the values breaks the line, and is kept as one NaN a stretch.
-    points : int
-        At most about so many are left.
-
-    Returns
-    -------
-    time, values : ndarray
-        In the order of time.
-    """
-    if time.size <= points:
-        return time, values
-    stretch = -(-time.size // (points // 2))
-    kept: list[int] = []
-    for start in range(0, time.size, stretch):
-        part = values[start : start + stretch]
-        known = np.flatnonzero(np.isfinite(part))
-        if known.size == 0:
-            kept.append(start)
-            continue
-        inside = part[known]
-        kept += sorted({start + int(known[inside.argmin()]), start + int(known[inside.argmax()])})
-    index = np.array(kept)
-    return time[index], values[index]

@@ -94,6 +94,7 @@ _RC: Any = {
     'axes.unicode_minus': True,
     'svg.fonttype': 'path',
     'path.simplify': True,
+    'path.simplify_threshold': 0.25,  # points: hours of samples are 300 kB, extremes are kept
     'figure.constrained_layout.use': True,
 }
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from report_made import identification_of, identified_form
@@ -32,9 +33,9 @@ from hunt_ros.report.figures.diagram import (
     draw_branches,
     form_curve,
 )
-from hunt_ros.report.figures.overview import run_overview, thinned
+from hunt_ros.report.figures.overview import run_overview
 from hunt_ros.report.figures.response_panels import response_panels
-from hunt_ros.report.figures.style import journal_style, new_figure
+from hunt_ros.report.figures.style import journal_style, new_figure, svg
 from hunt_ros.report.response import response_of
 from hunt_ros.samples import Record, Series, Uncertain
 
@@ -202,20 +203,21 @@ def test_no_measured_point_is_cut_by_the_axis() -> None:
 # --- the run ----------------------------------------------------------------------------
 
 
-@given(st.integers(0, 5000), st.integers(50, 500), st.integers(0, 10**6))
-@settings(max_examples=50)
-def test_thinning_keeps_extremes_gaps_and_order(count: int, points: int, seed: int) -> None:
-    random = np.random.default_rng(seed)
-    values = random.standard_normal(count)
-    if count > 200:
-        values[100:150] = np.nan
-    time, kept = thinned(np.arange(count, dtype=np.float64), values, points)
-    assert np.all(np.diff(time) > 0.0)
-    assert len(time) <= max(points + 4, count if count <= points else 0)
-    np.testing.assert_array_equal(kept, values[time.astype(int)])
-    if count:
-        assert np.nanmax(kept) == np.nanmax(values)
-        assert np.nanmin(kept) == np.nanmin(values)
+def test_an_hour_of_samples_is_a_small_picture_with_its_extremes() -> None:
+    seconds = np.arange(0.0, 3600.0, 0.01)
+    speed = 6.0 + 0.01 * np.random.default_rng(0).standard_normal(seconds.size)
+    speed[200_000] = 8.0
+    speed[300_000:310_000] = np.nan
+    record = Record({'speed': Series((1e9 * seconds).astype(np.int64), speed)}, 'a')
+    figure = run_overview(record, (seconds, 1e-4 + 0.0 * seconds))
+    (curve, *_) = figure.axes[0].lines
+    curve.set_gid('speed')
+    text = svg(figure)
+    assert len(text) < 400_000
+    peak = curve.get_transform().transform((2000.0, 8.0))[1] * 72.0 / figure.dpi
+    top = 72.0 * figure.get_figheight() - peak
+    heights = re.findall(r'L [\d.]+ ([\d.]+)', text[text.index('id="speed"') :].split('</g>')[0])
+    assert min(map(float, heights)) == pytest.approx(top, abs=0.3)
 
 
 def test_the_overview_marks_the_events_at_their_time() -> None:
