@@ -48,9 +48,7 @@ def four_states(states: Sequence[SteadyState]) -> list[SteadyState]:
     return [usable[round(k * (len(usable) - 1) / 3)] for k in range(4)]
 
 
-def either_side(
-    states: Sequence[SteadyState], v_c: float | None
-) -> tuple[SteadyState, SteadyState] | None:
+def either_side(states: Sequence[SteadyState], v_c: float | None) -> list[SteadyState]:
     """
     Choose the states of Fig. 7: the last below v_c and the first above it, speed up.
 
@@ -63,16 +61,16 @@ def either_side(
 
     Returns
     -------
-    (below, above) or None
-        None without v_c, or where nothing was measured on one side of it.
+    list of SteadyState
+        The two; empty without v_c, or where nothing was measured on one side of it.
     """
     if v_c is None:
-        return None
+        return []
     usable = [state for state in _usable(states) if state.direction != 'down']
     below = [state for state in usable if state.speed < v_c]
     # A plateau on which the jump itself happened shows neither the one nor the other.
     above = [x for x in usable if x.speed >= v_c and x.amplitude_std <= _SETTLED * x.amplitude]
-    return (below[-1], above[0]) if below and above else None
+    return [below[-1], above[0]] if below and above else []
 
 
 def _usable(states: Sequence[SteadyState]) -> list[SteadyState]:

@@ -21,7 +21,7 @@ from hunt_ros.report.choice import either_side, four_states
 from hunt_ros.report.figures import style
 from hunt_ros.report.figures.bifurcation import hysteresis_loop, identified_diagram
 from hunt_ros.report.figures.overview import run_overview
-from hunt_ros.report.figures.response_panels import poincare_pair, response_panels
+from hunt_ros.report.figures.response_panels import response_panels
 from hunt_ros.report.numbers import shown
 from hunt_ros.report.page import Section, figure, render
 from hunt_ros.report.response import Response, response_of
@@ -126,12 +126,11 @@ class Report:
         return {letter: self._response(state) for letter, state in self.chosen.items()}
 
     @cached_property
-    def pair(self) -> tuple[Response, Response] | None:
-        """The analysis of the states either side of v_c, Fig. 7."""
+    def pair(self) -> list[Response]:
+        """The analysis of the states either side of v_c, Fig. 7; empty where there are none."""
         one = self.identification
         v_c = one.observed.v_c or (None if one.v_c is None else one.v_c.value)
-        states = either_side(one.steady_states, v_c)
-        return None if states is None else (self._response(states[0]), self._response(states[1]))
+        return [self._response(state) for state in either_side(one.steady_states, v_c)]
 
     def drawings(self) -> dict[str, Drawing]:
         """
@@ -177,29 +176,20 @@ class Report:
                 'Recordings side by side',
                 wide=True,
             )
-        for letter, response in self.responses.items():
+        panels = [('05', letter, response) for letter, response in self.responses.items()]
+        panels += [('07', *one) for one in zip('ab', self.pair, strict=False)]
+        for number, letter, response in panels:
             unknown = ' '.join(
                 f'<span class="unknown">{escape(panel)} not known: {escape(reason)}.</span>'
                 for panel, reason in response.unknown.items()
             )
-            found[f'fig05{letter}_response'] = Drawing(
+            found[f'fig{number}{letter}_response'] = Drawing(
                 response_panels(response, letter),
-                f'Fig. 5{letter}',
+                f'Fig. {int(number)}{letter}',
                 f'{response.speed:.2f} m/s: time history, power spectrum with the hunting and '
                 'roughness lines, phase portrait and Poincaré section '
                 f'({escape(response.kind)}; {response.cut}). {unknown}',
                 f'Response at {response.speed:.2f} m/s',
-            )
-        if self.pair is not None:
-            below, above = self.pair
-            found['fig07_poincare'] = Drawing(
-                poincare_pair(below, above),
-                'Fig. 7',
-                f'Poincaré maps below ({escape(below.kind)}) and above ({escape(above.kind)}) the '
-                f'linear critical speed, speed increasing: {above.cut}, on the scale of the whole '
-                'orbit.',
-                'Poincaré maps either side of the critical speed',
-                wide=True,
             )
         return found
 
@@ -258,10 +248,12 @@ class Report:
         form = words.EQUATION + tables.coefficients(one)
         form += pick('fig10') or _unknown(one.why('coefficients.D4').reason)
         panels = f'<div class="grid">{pick("fig05")}</div>' + tables.responses(self.responses)
+        either_side = f'<div class="grid">{pick("fig07")}</div>'
+        if not self.pair:
+            either_side = _unknown('no settled state on both sides of it, speed up')
         lists = tables.folded('Steady amplitudes', tables.steady_states(one))
         lists += tables.folded('Stretches of the recordings', tables.segments(one))
         loop = pick('fig06', _unknown('no steady state was found'))
-        either_side = pick('fig07', _unknown('no settled state on both sides of it, speed up'))
         if not self.responses:
             panels = _unknown('no steady stretch was found')
         sections = [

@@ -27,7 +27,8 @@ FIGURES = {
     'fig05c_response',
     'fig05d_response',
     'fig06_hysteresis',
-    'fig07_poincare',
+    'fig07a_response',
+    'fig07b_response',
     'fig10_bifurcation',
 }
 
@@ -111,7 +112,7 @@ def test_the_figures_of_the_paper_are_on_the_page_and_in_the_folder(
             ElementTree.parse(path)
         else:
             assert path.read_bytes().startswith(b'\x89PNG')
-    for number in ('5a', '5b', '5c', '5d', '6', '7', '10'):
+    for number in ('5a', '5b', '5c', '5d', '6', '7a', '7b', '10'):
         assert f'<b>Fig. {number}</b>' in page
     svgs = len([path for path in files if path.suffix == '.svg'])
     assert page.count('<svg ') == page.count('</svg>') == svgs

@@ -1,4 +1,4 @@
-"""Figs. 5 and 7: the panels of one speed, and Poincare maps either side of v_c."""
+"""Figs. 5 and 7: the panels of one speed."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def response_panels(response: Response, letter: str = '') -> Figure:
     Returns
     -------
     Figure
-        Half a page wide: four of them make the paper's Fig. 5.
+        Half a page wide: four of them make the paper's Fig. 5, two Fig. 7.
     """
     with style.journal_style():
         figure = style.new_figure(style.PAGE / 2, 0.58 * style.PAGE)
@@ -48,38 +48,11 @@ def response_panels(response: Response, letter: str = '') -> Figure:
         _history(axes['h'], response)
         _spectrum(axes['s'], response)
         _portrait(axes['p'], response)
-        section(axes['m'], response)
+        _section(axes['m'], response)
         return figure
 
 
-def poincare_pair(below: Response, above: Response) -> Figure:
-    """
-    Draw the Poincare maps either side of the critical speed, each on its own scale.
-
-    Parameters
-    ----------
-    below, above : Response
-        Neighbouring speeds.
-
-    Returns
-    -------
-    Figure
-        One page wide.
-
-    References
-    ----------
-    The paper, Fig. 7.
-    """
-    with style.journal_style():
-        figure = style.new_figure(style.PAGE, 0.42 * style.PAGE)
-        pair = figure.subplots(1, 2)
-        for axes, response, letter in zip(pair, (below, above), 'ab', strict=True):
-            section(axes, response)
-            axes.set_title(f'({letter}) {response.speed:.2f} m/s, {response.kind}')
-        return figure
-
-
-def section(axes: Axes, response: Response) -> None:
+def _section(axes: Axes, response: Response) -> None:
     """Plot a Poincare section."""
     style.frame(axes, r'$y$ (mm)', r'$\dot{y}$ (mm/s)')
     if response.section is None:
