@@ -33,6 +33,8 @@ POINTS = 16
 _FLOQUET_STEPS = 128
 _TOLERANCE = 1e-11
 _MOST_ITERATIONS = 25
+#: Speeds beyond which the branch is left, in v_c.
+_SLOWEST, _FASTEST = 0.5, 1.25
 
 
 class Collocation:
@@ -97,15 +99,6 @@ class Collocation:
         states[..., 0] = (x[:, :n] * self.largest @ interpolate.T).real
         states[..., 2] = (x[:, n : 2 * n] * self.largest @ interpolate.T).real
         return self.wheelset.jacobian(states, self.speed(x)[:, None])
-
-    def at_speed(self, x: Array, speed: float) -> Array | None:
-        """Correct a solution by Newton's iteration at a fixed speed, m/s, or None if it fails."""
-        guess = x.copy()
-        guess[-1] = 4.0 * (speed / self.hopf - 1.0)
-        along_speed = np.zeros(len(x))
-        along_speed[-1] = 1.0
-        corrected = _correct(self, guess, along_speed)
-        return None if corrected is None else corrected[0]
 
 
 def _correct(system: Collocation, guess: Array, tangent: Array) -> tuple[Array, int] | None:
@@ -183,13 +176,6 @@ class Branch:
         inside: NDArray[np.bool_] = np.abs(self.multipliers[:, 1:]).max(axis=1) < 1.0
         return inside
 
-    @property
-    def exponent(self) -> Array:
-        """Rate at which the slowest disturbance of the amplitude grows, 1/s, shape (n,)."""
-        largest = np.abs(self.multipliers[:, 1:]).max(axis=1)
-        rate: Array = np.log(largest) * self.frequency_hz
-        return rate
-
     def folds(self) -> list[tuple[float, float]]:
         """
         Saddle-nodes of limit cycles: (speed, amplitude) where the branch turns back, m/s and m.
@@ -224,30 +210,9 @@ class Branch:
         below = [fold for fold in self.folds() if fold[0] < self.critical_speed]
         return min(below, default=None)
 
-    def at_speed(self, speed: float) -> Branch:
-        """
-        Limit cycles at exactly one speed, m/s, the smallest amplitude first.
-
-        Guessed between neighbours on the branch, corrected by Newton's iteration. Next to a
-        fold, within a step of the branch, none may be found.
-        """
-        x, v = self.unknowns, self.speed - speed
-        found = []
-        for k in np.flatnonzero(np.diff(v >= 0.0)):
-            part = v[k] / (v[k] - v[k + 1])
-            cycle = self.system.at_speed(x[k] + part * (x[k + 1] - x[k]), speed)
-            if cycle is not None:
-                found.append(cycle)
-        cycles = _branch_of(self.system, np.array(found).reshape(-1, x.shape[1]))
-        return cycles[np.argsort(cycles.amplitude)]
-
-    def __getitem__(self, places: NDArray[np.intp] | slice) -> Branch:
-        return _branch_of(self.system, self.unknowns[places])
-
 
 def limit_cycles(
     rig: RigParameters,
-    speeds: tuple[float, float] | None = None,
     largest_amplitude: float | None = None,
     step: float = 0.02,
     points: int = POINTS,
@@ -259,8 +224,6 @@ def limit_cycles(
     ----------
     rig : RigParameters
         The rig.
-    speeds : (float, float), optional
-        Speeds, m/s, beyond which the branch is left; default: 0.5 v_c to 1.25 v_c.
     largest_amplitude : float, optional
         Peak of y, m, at which it ends; default: the flange clearance.
     step : float
@@ -285,10 +248,9 @@ def limit_cycles(
     Nonlinear Dynamics (1995), chapter 3 (Floquet).
     """
     hopf = critical_speed(rig)
-    low, high = speeds or (0.5 * hopf, 1.25 * hopf)
     roof = largest_amplitude or rig.flange_clearance_m
     system = Collocation(rig, hopf, roof / rig.length_scale, points)
-    solutions = _follow(system, step, (low, high))
+    solutions = _follow(system, step, (_SLOWEST * hopf, _FASTEST * hopf))
     if len(solutions) < 2:
         raise ConfigError(f'{rig.name}: no limit cycles found from the Hopf point at {hopf:g} m/s')
     return _branch_of(system, np.array(solutions))

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from bench_forecast import other_rig
+from cycles_made import at_speed
 from fitted_form import fitted_form
 from mode_shapes import shape_of
 
@@ -72,12 +73,12 @@ class Bench:
 
     def unstable(self, speed: float) -> float:
         """A_u of the full model, m; NaN where there is none."""
-        at = self.branch.at_speed(speed)
+        at = at_speed(self.branch, speed)
         return float(at.amplitude[~at.stable][0]) if (~at.stable).any() else math.nan
 
     def stable(self, speed: float) -> float:
         """Amplitude of the limit cycle of the full model, m; NaN where there is none."""
-        at = self.branch.at_speed(speed)
+        at = at_speed(self.branch, speed)
         return float(at.amplitude[at.stable][0]) if at.stable.any() else math.nan
 
     def broadband(self, speed: float, ratio: float) -> float:
