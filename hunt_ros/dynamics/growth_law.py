@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hunt_ros.compiled import compiled_part
-from hunt_ros.dynamics.normal_form import Criticality
+from hunt_ros.dynamics.normal_form import Criticality, real_roots
 
 Array = NDArray[np.float64]
 
@@ -270,7 +270,7 @@ class GrowthLaw:
     def _zero(self, sign: float) -> Array:
         """Speeds where the linear growth rate rises, or falls, through zero; NaN without one."""
         p = np.atleast_2d(self.p)
-        u = _roots(p[:, 2], p[:, 1], p[:, 0])
+        u = real_roots(p[:, 2], p[:, 1], p[:, 0])
         with np.errstate(invalid='ignore', over='ignore'):
             slope = p[:, 1] + 2.0 * p[:, 2] * u
             there = (u > -1.0) & (u < _LARGEST) & (sign * slope > 0.0)
@@ -335,7 +335,7 @@ class GrowthLaw:
         """
         rest, first, second = np.broadcast_arrays(*self._in_x(np.atleast_1d(speed), line))
         c = self._columns[SATURATION]
-        x = _roots(second, first, rest)
+        x = real_roots(second, first, rest)
         with np.errstate(all='ignore'):
             slope = first + 2.0 * second * x
             w = x / (1.0 - c * x)
@@ -383,19 +383,6 @@ class GrowthLaw:
     def saddle_node(self, lowest: float) -> float | None:
         """Nonlinear critical speed v_n of the one law, m/s; None without one above `lowest`."""
         return _known(self.folds(lowest)[0, 0])
-
-
-def _roots(a: Array, b: Array, c: Array) -> Array:
-    """
-    Real roots of a x^2 + b x + c, shape (2, ...); NaN or infinite where there is none.
-
-    References
-    ----------
-    Press, W. H., et al., Numerical Recipes (2007), Sect. 5.6.
-    """
-    with np.errstate(all='ignore'):
-        q = -0.5 * (b + np.copysign(np.sqrt(b * b - 4.0 * a * c), b))
-        return np.stack([q / a, c / q])
 
 
 def _root(w: Array) -> Array:

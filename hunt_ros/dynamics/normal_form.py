@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -145,11 +145,7 @@ class NormalForm:
         # (D4 + D10 eps)^2 = 4 D15 (D1 eps + D7 eps^2), as a eps^2 + b eps + c = 0
         a = self.D10**2 - 4.0 * self.D15 * self.D7
         b = 2.0 * self.D4 * self.D10 - 4.0 * self.D15 * self.D1
-        c = self.D4**2
-        if b * b < 4.0 * a * c:
-            return None
-        q = -0.5 * (b + math.copysign(math.sqrt(b * b - 4.0 * a * c), b))
-        roots = [q / a if a else math.inf, c / q if q else math.inf]
+        roots = real_roots(a, b, self.D4**2).tolist()
         for eps in sorted((x for x in roots if -1.0 < x < 0.0), reverse=True):
             r2 = -(self.D4 + self.D10 * eps) / (2.0 * self.D15)
             if r2 > 0.0:
@@ -169,6 +165,19 @@ class NormalForm:
         return None if speed is None else self.critical_speed - speed
 
 
+def real_roots(a: Any, b: Any, c: Any) -> NDArray[np.float64]:
+    """
+    Real roots of a x^2 + b x + c, shape (2, ...); NaN or infinite where there is none.
+
+    References
+    ----------
+    Press, W. H., et al., Numerical Recipes (2007), Sect. 5.6: without cancellation.
+    """
+    with np.errstate(all='ignore'):
+        q = -0.5 * (b + np.copysign(np.sqrt(b * b - 4.0 * a * c), b))
+        return np.stack([q / a, c / q])
+
+
 def steady_radii(
     rest: NDArray[np.float64], cubic: NDArray[np.float64], quintic: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -185,10 +194,8 @@ def steady_radii(
     unstable, stable : ndarray, of that shape
         r, the growth rate rising and falling there; NaN where there is none.
     """
+    squares = real_roots(quintic, cubic, rest)
     with np.errstate(all='ignore'):
-        # The form of the quadratic formula without cancellation.
-        q = -0.5 * (cubic + np.copysign(np.sqrt(cubic**2 - 4.0 * quintic * rest), cubic))
-        squares = np.stack([q / quintic, rest / q])
         slope = cubic + 2.0 * quintic * squares
         radii = np.sqrt(np.where((squares > 0.0) & (squares < math.inf), squares, math.nan))
         unstable, stable = (np.where(sign * slope > 0.0, radii, math.nan) for sign in (1.0, -1.0))
