@@ -23,11 +23,11 @@ from hunt_ros.sensors import UNITS, si_of
 #: Units of a time, s; names that have one behind.
 TIME_UNITS: dict[str, float] = {'ns': 1e-9, 'us': 1e-6, 'ms': 1e-3, 's': 1.0, 'min': 60.0}
 _CLOCKS = ('stamp', 'time', 't')
-#: Column names that mean the time, and their unit in seconds, where the file does not tell it.
-TIMES: dict[str, float] = {
-    **{f'{name}_{unit}': size for name in _CLOCKS for unit, size in TIME_UNITS.items()},
-    **dict.fromkeys(('time', 't', 'timestamp', 'seconds', 'x_value'), 1.0),
-}
+#: Column names that mean the time: in s where neither they nor the file tell the unit.
+TIMES: tuple[str, ...] = (
+    *(f'{name}_{unit}' for name in _CLOCKS for unit in TIME_UNITS),
+    *('time', 't', 'timestamp', 'seconds', 'x_value'),
+)
 #: Between two runs of an array of structures, s.
 RUN_GAP_S = 3.0
 #: Where more samples than this share of all have the time of another one, its clock is coarse:
@@ -222,13 +222,10 @@ def _time_source(table: Table, time: str | None) -> ChannelSource:
     if not usual:
         return ChannelSource('time', dates[0])
     name = names[usual]
-    unit = _plain(table.units.get(name, ''))
-    if unit and unit not in TIME_UNITS:
+    unit = _told_unit(table, TIME_UNITS, name) or 's'
+    if unit not in TIME_UNITS:
         raise BagError(f'column {name}: unknown unit {unit!r} of a time, expected --time')
-    told = TIMES[usual]
-    if unit and '_' in usual and TIME_UNITS[unit] != told:
-        raise BagError(f'column {name} is in {unit} by the line of units: expected --time')
-    return ChannelSource('time', name, TIME_UNITS.get(unit, told))
+    return ChannelSource('time', name, TIME_UNITS[unit])
 
 
 def _to_ns(column: NDArray[Any], source: ChannelSource) -> NDArray[np.int64]:
@@ -285,7 +282,7 @@ def _key(name: str) -> str:
 def _check_unit(table: Table, channel: str, source: ChannelSource) -> None:
     """Refuse a column that is taken as it is, and is not in SI by what the file says."""
     # Who gives a factor knows the unit.
-    unit = _told_unit(table, channel, source.source) if source.scale == 1.0 else ''
+    unit = _told_unit(table, UNITS[channel], source.source) if source.scale == 1.0 else ''
     factor = UNITS[channel].get(unit)
     if not unit or factor == 1.0:
         return
@@ -296,10 +293,10 @@ def _check_unit(table: Table, channel: str, source: ChannelSource) -> None:
     )
 
 
-def _told_unit(table: Table, channel: str, source: str) -> str:
+def _told_unit(table: Table, units: Mapping[str, float], source: str) -> str:
     """Return the unit that the file tells of a column, or its name ends in; '' for none."""
     ending, told = _key(source).rpartition('_')[2], _plain(table.units.get(source, ''))
-    ending = ending if ending in UNITS[channel] else ''
+    ending = ending if ending in units else ''
     if told and ending and told != ending:
         raise BagError(f'column {source} is in {told} by the line of units: which is it?')
     return told or ending
@@ -311,7 +308,7 @@ def _assumed(table: Table, mapping: Mapping[str, ChannelSource]) -> str:
         f'{name} in {si_of(name).replace("mps", "m/s")}'
         for name, source in mapping.items()
         if source.constant is None and source.scale == 1.0
-        if not _told_unit(table, name, source.source)
+        if not _told_unit(table, UNITS[name], source.source)
     )
 
 
@@ -328,7 +325,7 @@ def _named(table: Table, given: Mapping[str, ChannelSource]) -> dict[str, Channe
             name: unit
             for name in names
             if keys[name] in (channel, *(f'{channel}_{unit}' for unit in units))
-            if (unit := _told_unit(table, channel, name)) in ('', *units)
+            if (unit := _told_unit(table, units, name)) in ('', *units)
         }
         if not known and given and channel not in map(keys.get, names):
             continue  # a further column with a name like it, as speed_setpoint
