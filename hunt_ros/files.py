@@ -35,6 +35,9 @@ def read_text(path: str | Path, what: str) -> str:
         raise ConfigError(f'{path}: cannot read it as a {what} (the file is empty)')
     return text
 
+#: A file that is being written has this ending.
+PART = '.part'
+
 
 def write_whole(
     path: str | Path, content: str | bytes | Callable[[Path], object], what: str = 'file'
@@ -60,12 +63,13 @@ def write_whole(
     raw = content.encode('utf-8') if isinstance(content, str) else content
     write = raw if callable(raw) else lambda file: file.write_bytes(raw)
     target = Path(os.path.realpath(path))
-    partial = target.with_name(target.name + '.part')
+    partial = target.with_name(target.name + PART)
     try:
         # A rename would put a file in the place of /dev/null, for every program of the machine.
         if os.path.exists(path) and not os.path.isfile(path):
             write(Path(path))
             return
+        partial.unlink(missing_ok=True)  # of a program that was killed
         write(partial)
         with partial.open('rb+') as file:
             os.fsync(file.fileno())

@@ -19,6 +19,7 @@ from hunt_ros.bag.mcap.writer import McapWriter
 from hunt_ros.bag.reader import ACTIVE, CLIP, folder_files
 from hunt_ros.bag.repair import copy_chunk
 from hunt_ros.errors import BagError
+from hunt_ros.files import write_whole
 from hunt_ros.samples import NANOSECONDS
 
 #: What a clip shows before and after an alarm, s.
@@ -32,8 +33,6 @@ _WRITTEN_S = 2.0
 LATEST_S = AFTER_S + _WRITTEN_S
 #: So often is one tried: a recording that is closed just then changes its name.
 _TRIES = 2
-#: A clip that is being cut has this ending.
-PART = '.part'
 #: A suite ends its nodes one after the other: what falls silent so short before the recording ends
 #: is no alarm, s.
 _ENDING_S = 10.0
@@ -64,31 +63,26 @@ class Clip:
 
         Raises
         ------
-        BagError
+        HuntError
             If the recording cannot be read or holds nothing of it, or the disk refuses.
         """
-        part = self.path.with_name(self.path.name + PART)
-        try:
-            part.unlink(missing_ok=True)
-            with ExitStack() as stack:
-                files = self._files(stack)
-                writer = stack.enter_context(closing(McapWriter(part)))
-                told: dict[str, dict[str, str]] = {}
-                for name, strings in (each for file in files for each in file.metadata):
-                    told.setdefault(name, {}).update(strings)
-                for name, strings in told.items():
-                    writer.add_metadata(name, strings)
-                for file in files:
-                    self._copy(file, writer)
-                if not writer.counts.total():
-                    raise BagError(f'{self.recording}: nothing in it at the time of {self.code}')
-                writer.finish()
-            return part.replace(self.path)
-        except OSError as error:
-            raise BagError(f'{self.path}: cannot be written ({error.strerror})') from error
-        finally:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
+        write_whole(self.path, self._write, 'clip')
+        return self.path
+
+    def _write(self, path: Path) -> None:
+        with ExitStack() as stack:
+            files = self._files(stack)
+            writer = stack.enter_context(closing(McapWriter(path)))
+            told: dict[str, dict[str, str]] = {}
+            for name, strings in (each for file in files for each in file.metadata):
+                told.setdefault(name, {}).update(strings)
+            for name, strings in told.items():
+                writer.add_metadata(name, strings)
+            for file in files:
+                self._copy(file, writer)
+            if not writer.counts.total():
+                raise BagError(f'{self.recording}: nothing in it at the time of {self.code}')
+            writer.finish()
 
     def _files(self, stack: ExitStack) -> list[McapFile]:
         """Open the files of the recording from the one that has the beginning on, in order."""

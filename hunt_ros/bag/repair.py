@@ -33,7 +33,8 @@ from hunt_ros.bag.mcap.layout import IMPOSSIBLE, Layout, walked_places
 from hunt_ros.bag.mcap.writer import McapWriter
 from hunt_ros.bag.reader import ACTIVE, Bag, existing, folder_files, of_one, open_storage
 from hunt_ros.bag.sqlite_file import SALVAGE_HINT
-from hunt_ros.errors import BagError
+from hunt_ros.errors import BagError, HuntError
+from hunt_ros.files import write_whole
 
 
 @dataclass
@@ -292,7 +293,7 @@ def finalise(active: Path) -> Path:
 
     Raises
     ------
-    BagError
+    HuntError
         If its recorder is still alive, nothing in it can be saved, or the disk refuses.
     """
     target = final = active.with_name(active.name.removesuffix(ACTIVE))
@@ -328,18 +329,16 @@ def _lock(file: Path) -> IO[bytes]:
 
 def _finish_file(file: Path) -> None:
     """Put a complete file in the place of one that was not closed, with what is sound in it."""
-    repaired = file.with_suffix('.mcap.part')
-    repaired.unlink(missing_ok=True)
+
+    def copy(path: Path) -> None:
+        """Write the complete one."""
+        with closing(McapWriter(path)) as writer:
+            _copy_mcap(left, writer, Repair(file))
+            writer.finish()
+
     with closing(McapFile(file)) as left:
-        if not left.problems:
-            return
-        try:
-            with closing(McapWriter(repaired)) as writer:
-                _copy_mcap(left, writer, Repair(file))
-                writer.finish()
-            repaired.replace(file)
-        finally:
-            repaired.unlink(missing_ok=True)
+        if left.problems:
+            write_whole(file, copy, 'recording')
 
 
 def finalise_left(directory: Path) -> Iterator[tuple[Path | None, str]]:
@@ -359,5 +358,5 @@ def finalise_left(directory: Path) -> Iterator[tuple[Path | None, str]]:
             yield closed, f'{closed}: closed, its recorder had ended without doing so'
         except BeingRecorded:
             continue
-        except BagError as error:
+        except HuntError as error:
             yield None, str(error)

@@ -30,11 +30,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
-from hunt_ros.bag.clips import PART
 from hunt_ros.bag.messages import DIAGNOSTIC_ARRAY, STRING
 from hunt_ros.bag.recording import Recording, RecordingLimits, RecordingState
 from hunt_ros.bag.repair import finalise_left
 from hunt_ros.errors import BagError, ConfigError
+from hunt_ros.files import PART
 from hunt_ros.nodes.support.clipper import Clipper
 from hunt_ros.nodes.support.conversions import message_class
 from hunt_ros.nodes.support.diagnostics import Health, steady_clock

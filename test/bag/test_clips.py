@@ -14,7 +14,7 @@ from hunt_ros.bag.clips import MOST_S, Clip, Clips, clips_of
 from hunt_ros.bag.inspection import inspect
 from hunt_ros.bag.record_writer import serialise
 from hunt_ros.bag.recording import Recording, RecordingLimits
-from hunt_ros.errors import BagError
+from hunt_ros.errors import BagError, HuntError
 from hunt_ros.samples import NANOSECONDS, Series
 from hunt_ros.sensors import CHANNEL_FIELDS
 
@@ -78,7 +78,7 @@ def test_what_the_disk_refuses_leaves_no_clip_and_a_sound_recording(
         raise OSError(errno.ENOSPC, 'No space left on device')
 
     monkeypatch.setattr(os, 'fsync', refuse)
-    with pytest.raises(BagError, match='No space'):
+    with pytest.raises(HuntError, match='No space'):
         Clip(path, 'hunting', at(50.0), at(20.0), at(80.0)).cut()
     monkeypatch.setattr(os, 'fsync', fsync)
     assert [each.name for each in path.parent.iterdir()] == ['run']

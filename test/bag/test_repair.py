@@ -179,6 +179,7 @@ def test_what_a_dead_recorder_left_is_read_as_it_is_and_closed(
     # Found under its final name, too.
     assert message_set(tmp_path / 'run') == before
     assert 'not closed' in read_record(active).notes['problems']
+    (active / 'run_0.mcap.part').touch()  # of one that was killed while it closed
     ((closed, said),) = finalise_left(tmp_path)
     assert closed == tmp_path / 'run'
     assert said == f'{closed}: closed, its recorder had ended without doing so'

@@ -16,7 +16,7 @@ from hunt_ros.bag.clips import LATEST_S, Clips
 from hunt_ros.bag.messages import read_raw
 from hunt_ros.bag.reader import Bag
 from hunt_ros.drivers.alarms import alarm_of
-from hunt_ros.errors import BagError, one_line
+from hunt_ros.errors import BagError, HuntError, one_line
 from hunt_ros.nodes.support.conversions import read_diagnostic
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.samples import NANOSECONDS
@@ -94,7 +94,7 @@ class Clipper:
                     if shutil.disk_usage(clip.path.parent).free < self._least_free():
                         raise BagError(f'{clip.path}: no clip, the disk is nearly full')
                     self._logger.info(f'clip of {clip.code}: {clip.cut()}')
-                except (BagError, OSError) as error:
+                except (HuntError, OSError) as error:
                     if not clip.tries:
                         self._logger.warning(str(error))
                     continue
