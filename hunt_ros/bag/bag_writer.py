@@ -24,6 +24,7 @@ from hunt_ros.bag.cdr.message_types import definition_text
 from hunt_ros.bag.mcap.writer import CHUNK_BYTES, McapWriter
 from hunt_ros.bag.reader import ACTIVE, NOTES
 from hunt_ros.errors import BagError
+from hunt_ros.files import write_whole
 
 VERSION = 8
 
@@ -208,18 +209,14 @@ class BagWriter:
 
         Raises
         ------
-        BagError
+        HuntError
             If the disk refuses; what is written stays under the `.active` name.
         """
         with self._writing():
             self._finish_file()
             topics = [(topic, self._counts[topic.id]) for topic in self._topics.values()]
             text = folder_metadata(topics, self._files, self.notes)
-            target = self.active / 'metadata.yaml'
-            with open(target, 'w', encoding='utf-8') as out:
-                out.write(text)
-                out.flush()
-                os.fsync(out.fileno())
+            write_whole(self.active / 'metadata.yaml', text, 'description')
             self.active.rename(self.path)
         return self.path
 

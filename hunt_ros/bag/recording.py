@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from hunt_ros.bag.bag_writer import BagWriter
-from hunt_ros.errors import BagError, one_line
+from hunt_ros.errors import BagError, HuntError, one_line
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
@@ -293,6 +293,6 @@ class Recording:
     def _finish(self) -> None:
         try:
             self._closed = self._bag.close()
-        except BagError as error:
+        except HuntError as error:
             self._problem = self._problem or str(error)
             self._bag.abandon()
