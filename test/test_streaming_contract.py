@@ -272,9 +272,7 @@ def _feed_forecast(forecast: Any, record: Any, begin: int, end: int) -> Outputs:
 def _numbers_of(forecast: Any) -> np.ndarray:
     critical = forecast.critical_speed
     numbers = (np.nan, np.nan, np.nan) if critical is None else (critical.value, critical.std, 0.0)
-    return np.array(
-        [forecast.stamp_ns, forecast.levels, forecast.misfit, *numbers, *forecast.growth_rates]
-    )
+    return np.array([forecast.stamp_ns, forecast.levels, forecast.misfit, *numbers])
 
 
 def _spoilt_climb(seed: int) -> tuple[np.ndarray, ...]:
@@ -289,7 +287,7 @@ def _bad_forecast_input(make: Callable[[], Any]) -> None:
     clean.update(*_climb(0))
     spoilt.update(*_spoilt_climb(0))
     expected, found = _numbers_of(clean.finish()), _numbers_of(spoilt.finish())
-    assert expected.size > 6  # there is a fit
+    assert np.isfinite(expected[2])  # there is a fit
     assert np.array_equal(found, expected, equal_nan=True)
 
 

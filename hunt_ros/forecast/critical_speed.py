@@ -67,8 +67,6 @@ class Forecast:
         'wheelset' or 'smooth': the damping law behind it.
     levels : int
         Speed levels used.
-    speeds, growth_rates, frequencies : tuple of float
-        The law at the speeds of the levels: m/s, 1/s (negative: damped), Hz.
     misfit : float
         1 where the law fits; the interval is widened by its root above 1.
     """
@@ -78,9 +76,6 @@ class Forecast:
     reason: str = COLLECTING
     law: str = ''
     levels: int = 0
-    speeds: tuple[float, ...] = ()
-    growth_rates: tuple[float, ...] = ()
-    frequencies: tuple[float, ...] = ()
     misfit: float = math.nan
 
 
@@ -237,19 +232,8 @@ class CriticalSpeedForecast:
         if fit is None:
             return Forecast(stamp_ns, None, NO_FIT, law.name, len(levels))
         self._before[law.name] = fit.theta
-        modes = [law.eigenvalue(fit.theta, level.speed) for level in levels]
         reason, critical = self._judge(fit)
-        return Forecast(
-            stamp_ns,
-            critical,
-            reason,
-            law.name,
-            len(levels),
-            tuple(level.speed for level in levels),
-            tuple(mode.real for mode in modes),
-            tuple(mode.imag / (2.0 * math.pi) for mode in modes),
-            fit.misfit,
-        )
+        return Forecast(stamp_ns, critical, reason, law.name, len(levels), fit.misfit)
 
     def _judge(self, fit: Fit) -> tuple[str, Uncertain | None]:
         """Say whether the fit supports a number, and which."""
