@@ -9,6 +9,9 @@ from pathlib import Path
 
 from hunt_ros.errors import ConfigError, HuntError
 
+#: A file that is being written has this ending.
+PART = '.part'
+
 
 def read_text(path: str | Path, what: str) -> str:
     """
@@ -34,9 +37,6 @@ def read_text(path: str | Path, what: str) -> str:
     if not text.strip():
         raise ConfigError(f'{path}: cannot read it as a {what} (the file is empty)')
     return text
-
-#: A file that is being written has this ending.
-PART = '.part'
 
 
 def write_whole(
