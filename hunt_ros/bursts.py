@@ -98,10 +98,10 @@ def bursts_of(
     if lasted <= 0:
         return None
     mean = lasted / count
-    if np.count_nonzero(steps < _TOGETHER * mean) <= share * steps.size:  # nearly always
+    if np.count_nonzero(np.abs(steps) < _TOGETHER * mean) <= share * steps.size:  # nearly always
         return None
     local = _smooth(np.where(going, steps, mean), round(_MEAN_NS / mean))
-    apart = ~going | (steps >= _TOGETHER * local)
+    apart = ~going | (np.abs(steps) >= _TOGETHER * local)
     if np.count_nonzero(~apart) <= share * steps.size or np.count_nonzero(apart) < blocks:
         return None
     begins = np.concatenate(([0], np.flatnonzero(apart) + 1))

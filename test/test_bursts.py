@@ -78,6 +78,12 @@ def test_what_is_not_in_bursts_is_left_as_it_is() -> None:
     assert [name for name, one in others.items() if bursts_of(one) is not None] == []
 
 
+def test_samples_written_in_another_order_keep_their_own_stamps() -> None:
+    """Buffers written from their ends: as bursts they would be spread the wrong way round."""
+    stamps = (np.arange(4000) * 5_000_000).reshape(-1, 20)[:, ::-1].ravel()
+    assert bursts_of(stamps) is None
+
+
 def test_bursts_without_a_rate_are_said_and_left_as_they_are() -> None:
     for seed in range(5):
         stamped = in_bursts(sampled(100.0, 200.0), 50, lost=0.5, seed=seed)
