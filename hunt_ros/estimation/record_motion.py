@@ -160,9 +160,12 @@ def turns_per_metre(record: Record, diameter_m: float) -> float:
     turned, way = np.diff(angle), 0.5 * (running[1:] + running[:-1]) * step
     both = np.isfinite(turned) & np.isfinite(way) & (step > 0.0) & (step < _GAP_S)
     covered = float(way[both].sum())
-    return (
-        abs(float(turned[both].sum())) / (2.0 * math.pi * covered) if covered > 0.0 else math.nan
-    )
+    if covered <= 0.0:
+        return math.nan
+    # Second by second: a run may reverse, and an encoder at rest may shake.
+    second = np.unique(encoder.stamps_ns[1:][both] // 1_000_000_000, return_inverse=True)[1]
+    turns = np.bincount(second, weights=turned[both])
+    return float(np.abs(turns).sum()) / (2.0 * math.pi * covered)
 
 
 def motion_of(record: Record) -> Motion | None:

@@ -90,3 +90,10 @@ def test_the_way_of_a_gap_is_not_guessed(wraps: bool) -> None:
     there = np.abs(time - 59.0) > 10.0
     record = record_of(time[there], roller=angle[there], speed=speed[there])
     assert turns_per_metre(record, 0.0) == pytest.approx(1.0 / (0.3 * np.pi), rel=1e-3)
+
+
+def test_a_run_that_reverses_has_turned() -> None:
+    time = np.arange(0.0, 120.0, 0.01)
+    speed = np.where(time < 60.0, 6.0, -6.0)
+    record = record_of(time, roller=np.cumsum(speed) * 0.01 / 0.15, speed=speed)
+    assert turns_per_metre(record, 0.0) == pytest.approx(1.0 / (0.3 * np.pi), rel=1e-3)
