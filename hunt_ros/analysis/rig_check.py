@@ -65,7 +65,7 @@ class Finding:
     ----------
     check : str
         'rate', 'jitter', 'gaps', 'noise', 'resolution', 'range', 'unit', 'clock', 'encoder',
-        'diameter', 'speed', 'filter', 'publishers', 'damage', 'disk', 'alarm', 'drive'.
+        'diameter', 'speed', 'motion', 'filter', 'publishers', 'damage', 'disk', 'alarm', 'drive'.
     channel : str
         Of the rig; '' where it is none.
     state : str
@@ -261,11 +261,14 @@ def _roller(record: Record, rig: Rig) -> Iterator[Finding]:
     speeds = np.zeros(0) if speed is None else speed.values[np.isfinite(speed.values)]
     if speeds.size >= _FEWEST:
         mean = float(np.mean(speeds))
-        advice = 'the running speed is negative: change the sign of the channel (factor -1)'
-        text = f'{mean:.3f} m/s on average'
-        yield _judged('speed', 'speed', mean < -_TURNING_MPS, text, advice, mean, 'm/s')
+        reverse = mean < -_TURNING_MPS
+        text = f'{mean:.3f} m/s on average' + ': the rig runs in reverse' * reverse
+        advice = 'where it does not, change the sign of the channel (factor -1)'
+        yield _judged('speed', 'speed', reverse, text, advice, mean, 'm/s', WARN)
     if 'roller' not in rig.channels or roller is None or len(roller) < _FEWEST:
         return
+    distinct = np.diff(roller.stamps_ns, prepend=-1) != 0
+    roller = Series(roller.stamps_ns[distinct], roller.values[distinct])
     steps, times = np.diff(roller.values), np.diff(roller.stamps_ns) / NANOSECONDS
     # How far it turned in a gap, or while a clock was set, is not known.
     regular = np.isfinite(steps) & (times > 0.0) & (times < GAP_STEPS * np.median(times))
@@ -273,41 +276,56 @@ def _roller(record: Record, rig: Rig) -> Iterator[Finding]:
         return
     steps, times = steps[regular], times[regular]
     leaps = np.abs(steps) > _WRAP
-    turned = float(np.sum((steps + math.pi) % (2.0 * math.pi) - math.pi))
     span = float(np.sum(times))
-    rate = turned / span
-    # Both as they add up: what ran forwards and back has turned forwards and back.
-    running = abs(float(np.mean(speeds))) if speeds.size else 0.0
-    if abs(rate) < 0.1:
+    # Second by second: a run that reverses has turned, though it may end where it began.
+    middle = 0.5 * (roller.stamps_ns[:-1] + roller.stamps_ns[1:])[regular]
+    second = np.unique((middle - middle[0]) // NANOSECONDS, return_inverse=True)[1]
+    turns = np.bincount(second, weights=(steps + math.pi) % (2.0 * math.pi) - math.pi)
+    told = None if speed is None else speed.in_order().finite()
+    ran = np.zeros(times.size)
+    if told is not None and speeds.size >= _FEWEST:
+        ran = np.interp(middle, told.stamps_ns, told.values)
+    ways = np.bincount(second, weights=ran * times)
+    running = float(np.sum(np.abs(ways))) / span
+    rate = float(np.sum(np.abs(turns))) / span
+    if rate < 0.1:
         state, text, advice = UNKNOWN, 'the roller does not turn', 'let it turn, and look again'
         if running > _TURNING_MPS:
             state, text = FAIL, f'the angle stands still at {running:.3g} m/s'
             advice = 'look at the encoder and its cable'
         yield Finding('encoder', 'roller', state, text, advice, rate, 'rad/s')
         return
-    way = 'forwards' if rate > 0.0 else 'backwards'
+    net = float(np.sum(turns)) / span
+    way = 'both ways' if abs(net) < 0.9 * rate else 'forwards' if net > 0.0 else 'backwards'
     wraps = f', and wraps every turn ({int(leaps.sum())} times)' if leaps.any() else ''
     quick = float(np.quantile(np.abs(steps[~leaps]), 0.99)) if not leaps.all() else math.inf
     if leaps.any():
         # What wraps between two readings looks slower than it is: the speed says how fast it is.
         diameter_m = rig.roller_diameter_m or _ROLLER_M
         quick = max(quick, 2.0 * running / diameter_m * span / len(times))
-    text = f'the angle runs {way} at {abs(rate):.4g} rad/s{wraps}'
+    text = f'the angle runs {way} at {rate:.4g} rad/s{wraps}'
     advice = 'it turns by more than a quarter from reading to reading: read it more often'
     seldom = quick > 0.5 * _WRAP
-    yield _judged('encoder', 'roller', seldom, text, advice, rate, 'rad/s')
+    yield _judged('encoder', 'roller', seldom, text, advice, math.copysign(rate, net), 'rad/s')
     if speeds.size >= _FEWEST and not seldom:
-        yield _diameter(running, abs(rate), rig)
+        yield _diameter(np.abs(ways), np.abs(turns), running, rig)
 
 
-def _diameter(speed: float, rate: float, rig: Rig) -> Finding:
-    """Return the diameter that speed and turning tell, 2 v / omega."""
-    if speed < _TURNING_MPS:
-        text = f'{speed:.2f} m/s are too slow to tell the diameter'
+def _diameter(
+    ways: NDArray[np.float64], turns: NDArray[np.float64], running: float, rig: Rig
+) -> Finding:
+    """Return the diameter that way and turning of each second tell, 2 v / omega."""
+    if running < _TURNING_MPS:
+        text = f'{running:.2f} m/s are too slow to tell the diameter'
         advice = 'let the roller turn faster, and look again'
         return Finding('diameter', 'roller', UNKNOWN, text, advice)
-    measured = 2.0 * speed / rate
+    measured = 2.0 * float(np.sum(ways) / np.sum(turns))
     text = f'speed and encoder tell a roller of {measured:.4f} m'
+    apart = float(np.quantile(np.abs(ways - 0.5 * measured * turns), 0.9) / np.max(ways))
+    if apart > _DIAMETER_FAILS:
+        text += f', and are {apart:.1%} apart in a tenth of the time'
+        advice = 'one of the two does not measure: look at the tachometer and at the encoder'
+        return Finding('diameter', 'roller', FAIL, text, advice, measured, 'm')
     given = rig.roller_diameter_m
     if given == 0.0:
         advice = (

@@ -24,7 +24,7 @@ from hunt_ros.cli.support.output import progress, tell
 from hunt_ros.cli.support.processes import NodeSpec, ask
 from hunt_ros.detection import CompanionConfig, DetectorConfig
 from hunt_ros.errors import ConfigError
-from hunt_ros.estimation.textbook import compared_amplitudes
+from hunt_ros.estimation.textbook import compared_amplitudes, unmoved
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.identification.record.stops import without_stops
 from hunt_ros.rig import UNSTOPPED, Rig
@@ -33,6 +33,8 @@ from hunt_ros.sensors import DISPLACEMENTS, lacking
 
 EXAMPLE = 'hunt check bags/kick_decays --rig config/rig.yaml'
 
+#: What to do where two filters differ.
+_FILTERS = 'set hunting_frequency_hz and lines of the rig file; or a kernel computes wrongly'
 #: Of a sample in a recording, with its share of everything else, bytes.
 _SAMPLE_BYTES = 80.0
 #: Half of the yaw of a wheelset is within this, rad: of degrees it is not while it hunts.
@@ -175,20 +177,21 @@ def _stops(record: Record) -> list[Finding]:
 
 
 def _filters(record: Record, rig: Rig) -> list[Finding]:
-    """Return whether two filters that share no code see one amplitude, where something moves."""
+    """Return what is dead where another sensor moves, and whether two filters see one motion."""
+    hunting = rig.hunting_frequency_hz or REFERENCE_HZ, [n for n in rig.lines if n > 0.0]
+    advice = 'a wheelset that hunts moves both: look at its cable, its target and its scale'
+    dead = unmoved(record, *hunting)
+    found = [Finding('motion', name, FAIL, text, advice) for name, text in dead.items()]
     if find_spec('filterpy') is None:  # no package of Ubuntu or of ROS brings it
-        return [Finding('filter', '', UNKNOWN, 'filterpy is not there', 'pip install filterpy')]
-    orders = [order for order in rig.lines if order > 0.0]
-    both = compared_amplitudes(record, rig.hunting_frequency_hz or REFERENCE_HZ, orders)
-    if both is None:
-        return []
-    apart = both[0] / both[1] - 1.0
-    state, advice = OK, ''
-    if abs(apart) > 0.1:  # a fixed filter leaves something of noise and of a beat
-        state = WARN
-        advice = 'set hunting_frequency_hz and lines of the rig file; or a kernel computes wrongly'
-    text = f'the amplitude is {100 * apart:+.1f} % off that of a textbook Kalman filter'
-    return [Finding('filter', '', state, text, advice, apart)]
+        text, advice = 'filterpy is not there', 'pip install filterpy'
+        return [*found, Finding('filter', '', UNKNOWN, text, advice)]
+    if both := compared_amplitudes(record, *hunting):
+        apart = both[0] / both[1] - 1.0
+        # A fixed filter leaves something of noise and of a beat.
+        state, advice = (OK, '') if abs(apart) <= 0.1 else (WARN, _FILTERS)
+        text = f'the amplitude is {100 * apart:+.1f} % off that of a textbook Kalman filter'
+        found.append(Finding('filter', '', state, text, advice, apart))
+    return found
 
 
 def _disk(record: Record, directory: Path) -> Finding:

@@ -31,6 +31,10 @@ _BANDWIDTH, _SLOWER = 0.5, 0.1
 #: Compared after so many periods, in as many at least, where the amplitude is so many standard
 #: deviations and changes by less than this share in a period.
 _SETTLED, _CLEAR, _STEADY = 10.0, 10.0, 0.03
+#: Squared differences of cells add up to 2 n times their variance where they are noise alone (von
+#: Neumann, 1941), to 0.15 n times where they are motion. At 1.5 the amplitude is 0.9 deviations of
+#: a cell: three of what two periods tell of it.
+_WHITE = 1.5
 
 
 def compared_amplitudes(
@@ -54,34 +58,17 @@ def compared_amplitudes(
         Medians of both over the same cells, m or rad; None where nothing is steady and clear of
         its noise.
     """
-    told = {name: record[name].in_order().finite() for name in DISPLACEMENTS if name in record}
-    name = next((one for one, series in told.items() if len(series) > 1), None)
+    told = _told(record)
+    name = next(iter(told), None)
     if name is None:
         return None
     readings = _liveliest(told[name])
-    angle = np.full(len(readings), math.nan)
-    if 'roller' in record:
-        roller = continuous(record['roller'].in_order().finite())
-        if len(roller) > 1:
-            angle = np.interp(readings.stamps_ns, roller.stamps_ns, roller.values)
-    step_ns = NANOSECONDS / (_CELLS * frequency_hz)
-    cell = ((readings.stamps_ns - readings.stamps_ns[0]) / step_ns).astype(np.int64)
-    ends = readings.stamps_ns[0] + (np.arange(1, cell[-1] + 1) * step_ns).astype(np.int64)
-    config = TrackerConfig(
-        frequency_hz,
-        0.35 * frequency_hz,
-        2.1 * frequency_hz,
-        (Shaft(tuple(orders)),),
-        tuple(sensor for sensor in SENSORS if sensor.name == name),
-    )
-    samples = readings.stamps_ns, 0, readings.values, angle, math.nan
-    rows = HuntingTracker(config).update(*samples, ends)
+    rows, clear, ends, angle = _followed(record, name, readings, frequency_hz, orders)
     ours = rows[f'{name}_amplitude']
-    clear = ours > _CLEAR * rows[f'{name}_amplitude_std']
-    clear &= np.abs(rows['growth_rate']) < _STEADY * frequency_hz
-    clear[: int(_SETTLED * _CELLS)] = False
-    if np.count_nonzero(clear) < _SETTLED * _CELLS:
+    if not clear.any():
         return None
+    step_ns = _step_ns(frequency_hz)
+    cell = ((readings.stamps_ns - readings.stamps_ns[0]) / step_ns).astype(np.int64)
     count = np.bincount(cell, minlength=ends.size)[: ends.size]
     mean, turned = (
         np.bincount(cell, weights=column, minlength=ends.size)[: ends.size] / np.fmax(count, 1)
@@ -91,6 +78,84 @@ def compared_amplitudes(
     theirs = _textbook(mean, turned, count > 0, 2.0 * math.pi * turns, orders)
     theirs /= np.sinc(turns)  # what a mean over a cell leaves of it
     return float(np.median(ours[clear])), float(np.median(theirs[clear]))
+
+
+def unmoved(
+    record: Record, frequency_hz: float, orders: Sequence[float] = (1.0, 2.0)
+) -> dict[str, str]:
+    """
+    Say which displacements show nothing where another one hunts: their sensors are dead.
+
+    Parameters
+    ----------
+    record : Record
+        Looked at is the minute in which the other one moves most.
+    frequency_hz : float
+        Nominal hunting frequency, Hz.
+    orders : sequence of float
+        Known lines, in turns of the roller.
+
+    Returns
+    -------
+    dict of str to str
+        By channel what it shows, and what the other one does.
+    """
+    told, dead = _told(record), {}
+    for moving, series in told.items():
+        span = _liveliest(series)
+        rows, clear, *_ = _followed(record, moving, span, frequency_hz, orders)
+        for name, other in told.items() if clear.any() else ():
+            here = other.between(int(span.stamps_ns[0]), int(span.stamps_ns[-1]) + 1)
+            cell = (here.stamps_ns - span.stamps_ns[0]) // round(_step_ns(frequency_hz))
+            count = np.fmax(np.bincount(cell), 1)
+            means = (np.bincount(cell, weights=here.values) / count)[np.unique(cell)]
+            if np.sum(np.diff(means) ** 2) > _WHITE * means.size * np.var(means):
+                size = float(np.median(rows[f'{moving}_amplitude'][clear]))
+                unit = next(sensor.unit for sensor in SENSORS if sensor.name == moving)
+                dead[name] = f'shows only noise while {moving} moves by {size:.3g} {unit}'
+    return dead
+
+
+def _step_ns(frequency_hz: float) -> float:
+    return NANOSECONDS / (_CELLS * frequency_hz)
+
+
+def _told(record: Record) -> dict[str, Series]:
+    """Return the displacements that have readings."""
+    told = {name: record[name].in_order().finite() for name in DISPLACEMENTS if name in record}
+    return {name: series for name, series in told.items() if len(series) > 1}
+
+
+def _followed(
+    record: Record,
+    name: str,
+    readings: Series,
+    frequency_hz: float,
+    orders: Sequence[float],
+) -> tuple[NDArray[np.void], NDArray[np.bool_], NDArray[np.int64], _F]:
+    """Return what the tracker says, cell by cell, where clearly, their ends, and the angle."""
+    angle = np.full(len(readings), math.nan)
+    if 'roller' in record:
+        roller = continuous(record['roller'].in_order().finite())
+        if len(roller) > 1:
+            angle = np.interp(readings.stamps_ns, roller.stamps_ns, roller.values)
+    step_ns = _step_ns(frequency_hz)
+    count = int((readings.stamps_ns[-1] - readings.stamps_ns[0]) / step_ns)
+    ends = readings.stamps_ns[0] + (np.arange(1, count + 1) * step_ns).astype(np.int64)
+    config = TrackerConfig(
+        frequency_hz,
+        0.35 * frequency_hz,
+        2.1 * frequency_hz,
+        (Shaft(tuple(orders)),),
+        tuple(sensor for sensor in SENSORS if sensor.name == name),
+    )
+    samples = readings.stamps_ns, 0, readings.values, angle, math.nan
+    rows = HuntingTracker(config).update(*samples, ends)
+    clear = rows[f'{name}_amplitude'] > _CLEAR * rows[f'{name}_amplitude_std']
+    clear &= np.abs(rows['growth_rate']) < _STEADY * frequency_hz
+    clear[: int(_SETTLED * _CELLS)] = False
+    clear &= np.count_nonzero(clear) >= _SETTLED * _CELLS
+    return rows, clear, ends, angle
 
 
 def _liveliest(series: Series) -> Series:

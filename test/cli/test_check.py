@@ -28,7 +28,7 @@ def _sound() -> Record:
     angle = 2.0 * 7.0 / DIAMETER_M * t[::2]
     channels = {
         'lateral': Series(stamps, np.round(motion / 1e-6) * 1e-6),
-        'yaw': Series(stamps, 1e-3 * random.standard_normal(t.size)),
+        'yaw': Series(stamps, 0.8 * motion + 2e-5 * random.standard_normal(t.size)),
         'roller': Series(slow, angle),
         'speed': Series(slow, 7.0 + 1e-3 * random.standard_normal(slow.size)),
     }
@@ -72,6 +72,10 @@ def _read_at_once(sound: Record) -> Record:
     return changed(sound, lateral=Series(stamps, series.values))
 
 
+def _noise_alone(values: np.ndarray) -> np.ndarray:
+    return NOISE_M * np.random.default_rng(3).standard_normal(values.size)
+
+
 #: What is wrong -> how, the check that finds it, its channel, and words of the advice.
 FAULTS: dict[str, tuple[Change, str, str, str]] = {
     'no yaw': (lambda sound: without(sound, 'yaw'), 'rate', 'yaw', 'start what publishes'),
@@ -84,10 +88,12 @@ FAULTS: dict[str, tuple[Change, str, str, str]] = {
     'coarse': (_other(lateral=lambda v: np.round(v, 4)), 'resolution', 'lateral', 'coarser'),
     'saturated': (_other(lateral=lambda v: v + 0.02), 'range', 'lateral', 'larger range'),
     'millimetres': (_other(speed=lambda v: 1e3 * v), 'unit', 'speed', 'SI'),
-    'backwards': (_other(speed=lambda v: -v), 'speed', 'speed', 'factor -1'),
+    'dead lateral': (_other(lateral=_noise_alone), 'motion', 'lateral', 'cable'),
+    'dead yaw': (_other(yaw=_noise_alone), 'motion', 'yaw', 'cable'),
     'slow encoder': (_every(8, 'roller'), 'encoder', 'roller', 'more often'),
     'slow encoder that wraps': (_wrapped_and_slow, 'encoder', 'roller', 'more often'),
     'diameter': (_other(roller=lambda v: 1.1 * v), 'diameter', 'roller', 'counts of the encoder'),
+    'speed stands still': (_other(roller=lambda v: v * v / v[-1]), 'diameter', 'roller', 'tacho'),
     'standing': (_other(roller=0.0, speed=0.0), 'encoder', 'roller', 'let it turn'),
     'dead encoder': (_other(roller=0.0), 'encoder', 'roller', 'its cable'),
 }
@@ -182,11 +188,30 @@ def test_what_turned_in_a_gap_does_not_change_the_diameter(check) -> None:
     assert found['diameter', 'roller']['value'] == pytest.approx(DIAMETER_M, rel=1e-3)
 
 
-def test_a_run_that_reverses_does_not_change_the_diameter(check) -> None:
-    way = np.where(np.arange(1000) < 700, 1.0, -1.0)
+def test_an_encoder_that_comes_twice_tells_the_diameter_too(check) -> None:
+    roller = _sound()['roller']
+    twice = Series(np.repeat(roller.stamps_ns, 2), np.repeat(roller.values, 2))
+    _, found = check(changed(_sound(), roller=twice))
+    assert found['diameter', 'roller']['value'] == pytest.approx(DIAMETER_M, rel=1e-3)
+
+
+@pytest.mark.parametrize('back', [700, 500])
+def test_a_run_that_reverses_does_not_change_the_diameter(check, back: int) -> None:
+    way = np.where(np.arange(1000) < back, 1.0, -1.0)
     angle = np.cumsum(way) * 2.0 * 7.0 / DIAMETER_M * 0.01
     _, found = check(changed(_sound(), speed=7.0 * way, roller=angle))
+    assert 'both ways at 34.9' in found['encoder', 'roller']['text']
     assert found['diameter', 'roller']['value'] == pytest.approx(DIAMETER_M, rel=1e-2)
+
+
+@pytest.mark.parametrize('turning', [-1.0, 1.0])
+def test_a_run_in_reverse_is_said_and_no_fault(check, turning: float) -> None:
+    """The numbers cannot tell a reverse run from a wrong sign; the detector warns of both."""
+    code, found = check(changed(_sound(), speed=lambda v: -v, roller=lambda v: turning * v))
+    assert code == 0
+    assert found['speed', 'speed']['state'] == 'warn'
+    assert '-7.000 m/s on average: the rig runs in reverse' in found['speed', 'speed']['text']
+    assert 'where it does not' in found['speed', 'speed']['advice']
 
 
 def test_a_person_reads_a_line_a_check(check, tmp_path, capsys) -> None:
