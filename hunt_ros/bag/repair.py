@@ -133,6 +133,9 @@ def _repair_files(files: Sequence[Path], active: Path, report: Repair) -> None:
                         raise BagError(f'{file}: is SQLite, expected MCAP ({SALVAGE_HINT})')
                     _copy_mcap(storage, writer, found)
                     writer.finish()
+                missing = sum((storage.layout.claimed or {}).values()) - writer.counts.total()
+                if missing > storage.layout.left_out.total():
+                    found.problems.append(f'{missing} messages of its summary are not there')
         except BagError as error:
             report.problems.append(str(error))
             report.left_out.append(file.name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import shutil
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,9 @@ from rosbags.rosbag2 import StoragePlugin
 
 from hunt_ros.bag import Bag, BagWriter, read_record, write_record
 from hunt_ros.bag.inspection import inspect
+from hunt_ros.bag.mcap.file import McapFile
+from hunt_ros.bag.mcap.layout import walked_places
+from hunt_ros.bag.mcap.records import MESSAGE_PREFIX, expand_chunk
 from hunt_ros.bag.messages import read_raw
 from hunt_ros.bag.repair import BeingRecorded, finalise, finalise_left, repair
 from hunt_ros.errors import BagError, MessageError
@@ -270,3 +274,18 @@ def test_a_message_that_no_command_can_read_is_not_saved(tmp_path: Path) -> None
     assert report.problems[-1].endswith('1 messages that are not as their type says are left out')
     assert len(read_record(report.path)['lateral']) == len(record['lateral']) - 1
     assert {problem.kind for problem in inspect(report.path).problems} <= {'missing_channel'}
+
+
+def test_a_message_that_damage_has_swallowed_is_missed(tmp_path: Path) -> None:
+    """Where there is no CRC the copy cannot tell what is wrong, but how much is not there."""
+    file = write_rosbags(tmp_path / 'run', make_record(seconds=0.2), plugin=StoragePlugin.MCAP)
+    data = bytearray(file.read_bytes())
+    with closing(McapFile(file)) as sound:
+        total = sound.layout.counts.total()
+        (chunk,) = sound.layout.chunks
+        places = walked_places(expand_chunk(sound.view, chunk))
+        data[chunk.data + int(places[1].starts[7]) - MESSAGE_PREFIX] = 0
+    file.write_bytes(data)
+    report = repair(file, tmp_path / 'out')
+    assert report.messages == total - 1
+    assert report.problems[-1].endswith('1 messages of its summary are not there')
