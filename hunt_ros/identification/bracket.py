@@ -311,7 +311,7 @@ def _unstable(
         above, below = rows.get(speed, (math.nan, math.nan))
         if event.kind == 'stayed':
             below = float(np.nanmin([below, event.kick]))
-        elif v_n is not None and event.speed_low >= v_n:
+        elif v_n is not None and event.speed_low >= (1.0 - ONE_SPEED) * v_n:
             above = float(np.nanmax([above, event.amplitude]))
         rows[speed] = above, below
     return sorted(

@@ -62,6 +62,17 @@ def test_kicks_at_held_speeds_bracket_the_fold(make, seed):
         assert not below < unstable
 
 
+@pytest.mark.parametrize('seed', range(3))
+def test_small_kicks_that_died_are_no_rest_that_swells(make, seed):
+    """Each larger than the one before, none beyond half of the limit cycle; the last one stays."""
+    kicks = [(30.0, 1.2e-4), (60.0, 1.6e-4), (90.0, 2e-4), (120.0, 2.4e-4), (160.0, 7e-4)]
+    seen = seen_in(make(7.0, 240.0, seed, forcing=4e-6, kicks=kicks))
+    assert seen.coexistence == pytest.approx((7.0, 7.0), abs=0.05)
+    assert seen.v_c == pytest.approx(7.0, abs=0.05)
+    ((_, above, below),) = seen.unstable
+    assert 1e-4 < above < float(PAPER_NORMAL_FORM.unstable_amplitude(7.0)) < below
+
+
 def test_motion_that_noise_alone_drives_is_no_limit_cycle(make):
     """Below v_c all the time: amplitudes by Rayleigh's distribution, some of them small."""
     seen = [

@@ -236,20 +236,23 @@ class _Piece:
         return found
 
     def events(self, rest: float, large: float) -> list[Event]:
-        """Return motion beyond `large` out of rest of median `rest`, m, and the rest between."""
-        amplitude, time, speed = self.amplitude, self.time, self.speed
+        """Return motion out of rest of median `rest`, m, beyond `large` or kicked, and rest."""
+        amplitude, time, speed, struck = self.amplitude, self.time, self.speed, self.struck
         small = math.sqrt(rest * large)
-        excursions = [
-            (max(a - 1, 0), min(b, amplitude.size - 1))
-            for a, b in runs(amplitude > small)
-            if (amplitude[a:b] > large).any()
-        ]
+        excursions = []
+        for a, b in runs(amplitude > small):
+            begin, end, size = max(a - 1, 0), min(b, amplitude.size - 1), amplitude[a:b].max()
+            # A kick that died before it came so far is no rest, and no hunting.
+            kicked = struck[a:b].any() and size > ABOVE_NOISE * rest
+            if size > large or (kicked and b < amplitude.size and _is_one(speed[a : end + 1])):
+                excursions.append((begin, end))
         found: list[Event] = []
         settled = 0
         for begin, end in excursions:
             last, kick = begin - 1, math.nan
             if begin > 0:
-                top = begin + int(np.argmax(amplitude[begin : end + 1] > large))
+                alive = amplitude[begin : end + 1]
+                top = begin + int(np.argmax(alive > (large if alive.max() > large else small)))
                 # No law grows out of rest and returns to it at one speed.
                 pushed = end < amplitude.size - 1 and _is_one(speed[begin : end + 1])
                 if pushed or self.was_kicked(settled, begin, top):
