@@ -18,6 +18,8 @@ from hunt_ros.dynamics.wheelset import Wheelset
 from hunt_ros.errors import ConfigError
 
 Complex = NDArray[np.complex128]
+#: At the critical speed itself an eigenvalue is off zero by rounding, some 1e-15 of the others.
+_ROUNDING = 1e-9
 
 
 def eigenvalues(rig: RigParameters, speed: ArrayLike) -> Complex:
@@ -159,6 +161,12 @@ def direction_response(
     return np.asarray(np.linalg.solve(matrix, push)[..., 0], dtype=np.complex128)
 
 
+def settles(matrix: NDArray[np.float64]) -> bool:
+    """Return True where a linear motion of this matrix dies out: below the critical speed."""
+    values = np.linalg.eigvals(matrix)
+    return bool(values.real.max() < -_ROUNDING * np.abs(values).max())
+
+
 def quiet_covariance(rig: RigParameters, speed: float, broadband: float) -> NDArray[np.float64]:
     """
     Stationary covariance of the quiet wheelset under white yaw forcing.
@@ -185,8 +193,10 @@ def quiet_covariance(rig: RigParameters, speed: float, broadband: float) -> NDAr
         At or above the critical speed, where nothing is stationary.
     """
     matrix = Wheelset(rig).linear_matrix(speed)
-    if np.linalg.eigvals(matrix).real.max() >= 0.0:
-        raise ConfigError(f'{rig.name}: no stationary state at {speed} m/s, it is unstable there')
+    if not settles(matrix):
+        raise ConfigError(
+            f'{rig.name}: no stationary state at {speed} m/s, nothing dies out there'
+        )
     drive = np.zeros((4, 4))
     drive[3, 3] = -(broadband**2)
     # As one system of 16 equations: scipy's solver is 20 MB more in every process that simulates.

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.dynamics.covariance_root import covariance_root
-from hunt_ros.dynamics.linear_stability import direction_response, quiet_covariance
+from hunt_ros.dynamics.linear_stability import direction_response, quiet_covariance, settles
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.simulation import kernel
 from hunt_ros.dynamics.simulation.settings import Roughness, SensorModel, SimulationSettings
@@ -221,7 +221,7 @@ class RollerRig:
         state[kernel.SPEED] = self.settings.initial_speed
         speed = self._rolling
         matrix = Wheelset(self.rig).linear_matrix(speed)
-        if np.linalg.eigvals(matrix).real.max() < 0.0:
+        if settles(matrix):
             if len(self._harmonics):
                 self._run_in(state)
             if self.settings.broadband > 0.0:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hunt_ros.dynamics.linear_stability import quiet_covariance
+from hunt_ros.dynamics.linear_stability import critical_speed, quiet_covariance
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Corners, Hold, Profile, Sweep
 from hunt_ros.dynamics.simulation import (
@@ -139,9 +139,17 @@ def test_broadband_motion_has_the_stationary_covariance_at_start_and_later() -> 
         np.testing.assert_allclose(std, wanted[[0, 2]], rtol=0.12)
 
 
-def test_no_stationary_state_is_claimed_above_the_critical_speed() -> None:
+def test_no_stationary_state_is_claimed_from_the_critical_speed_on() -> None:
     with pytest.raises(ConfigError, match=r'no stationary state at 8\.1 m/s'):
         quiet_covariance(paper_rig(), 8.1, 1e-5)
+    rig = paper_rig()
+    v_c = critical_speed(rig)
+    for speed in (v_c, np.nextafter(v_c, 0.0), np.nextafter(v_c, 9.0), v_c * (1.0 - 1e-12)):
+        with pytest.raises(ConfigError, match='no stationary state'):
+            quiet_covariance(rig, float(speed), 1e-5)
+        # By rounding the forcing once had it start kilometres from the centre.
+        settings = SimulationSettings(initial_speed=float(speed), broadband=1e-5)
+        assert abs(RollerRig(rig, settings, seed=0).advance(2).true_lateral).max() < 1e-4
 
 
 def test_readings_have_the_steps_of_the_converter() -> None:
