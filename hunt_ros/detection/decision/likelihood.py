@@ -56,6 +56,7 @@ import numpy as np
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.detection.decision.rules import Rules
+from hunt_ros.detection.health import STANDSTILL_MPS
 
 #: Horizons, marks; the first ones tell growth, the last of these that the noise is known.
 #: Growth rates that are tried, 1/s at 2.84 Hz: from doubling in seven seconds to within a period.
@@ -74,8 +75,8 @@ _WANDER = 0.005
 #: No miss counts for more than this many times its variance: one in a hundred is larger.
 _RARE = 6.6
 #: An increment at a speed that differs by this part, and by what a roller at rest is read to
-#: have (m/s), tells a quarter: S goes with some power of the speed, which is not known to two.
-_ANOTHER_SPEED, _STANDSTILL = 0.1, 0.02
+#: have, tells a quarter: S goes with some power of the speed, which is not known to two.
+_ANOTHER_SPEED = 0.1
 #: Median of chi^2 of one degree of freedom.
 _MEDIAN = 0.455
 #: S of independent amplitudes of a Rayleigh distribution, in parts of 2 D / damping.
@@ -344,7 +345,7 @@ def _each(h: int) -> int:
 @compiled_part
 def _near(at: Any, v: float) -> Any:
     """Return how much increments at speeds, m/s, tell of the noise at another one, v."""
-    return 1.0 / (1.0 + ((at - v) / (_ANOTHER_SPEED * v + _STANDSTILL)) ** 2) ** 2
+    return 1.0 / (1.0 + ((at - v) / (_ANOTHER_SPEED * v + STANDSTILL_MPS)) ** 2) ** 2
 
 
 @compiled_part

@@ -32,6 +32,7 @@ import numpy as np
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.detection.decision.rules import Rules
+from hunt_ros.detection.health import STANDSTILL_MPS
 
 #: Rates, 1/s at 2.84 Hz: of damping (the first: the least, or that of the form), growth, return.
 RATES = (0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 0.3, 1.0, 3.0, 8.0)
@@ -47,8 +48,6 @@ _ENDS, _ENDS_AT = 1e-4, 0.3
 _MOST = 0.3
 #: The noise doubles within a change of the speed of a third; a cycle follows it fourfold.
 _AT_SPEED, _FOLLOWS = 3.0, 4.0
-#: A speed that differs by less than this, m/s, is the same: that of a roller at rest is noisy.
-_STANDSTILL = 0.2
 #: Parts of itself by which an amplitude wanders from other causes than noise, in which that of a
 #: cycle is known at first, and by which it walks.
 _WANDER, _UNKNOWN, _DRIFT = 0.005, 0.3, 1e-3
@@ -124,7 +123,8 @@ def watch(
     memory['rows'] = 0
     turned = 0.0
     if v >= 0.0 and memory['speed'] >= 0.0:
-        turned = abs(v - memory['speed']) / (0.5 * (v + memory['speed']) + _STANDSTILL)
+        # What a roller at rest is read to have is no change.
+        turned = abs(v - memory['speed']) / (0.5 * (v + memory['speed']) + STANDSTILL_MPS)
     memory['speed'] = v
     if memory['marks'] > 0:
         _mix(rules, memory, turned, drift > 0.0)
