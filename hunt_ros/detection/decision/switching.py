@@ -34,7 +34,8 @@ from hunt_ros.compiled import compiled_part
 from hunt_ros.detection.decision.rules import Rules
 from hunt_ros.detection.health import STANDSTILL_MPS
 
-#: Rates, 1/s at 2.84 Hz: of damping (the first: the least, or that of the form), growth, return.
+#: Rates, 1/s at 2.84 Hz: of damping (none less than the least; the first may be that of the form),
+#: growth, return.
 RATES = (0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 0.3, 1.0, 3.0, 8.0)
 _GROWING, _CYCLES, _LAWS = 7, 13, len(RATES)
 #: Intensities, m^2/s or rad^2/s: the least, and how many, each twice the last.
@@ -147,7 +148,8 @@ def _noise(j: int) -> float:
 
 @compiled_part
 def _rate(rules: Rules, h: int) -> float:
-    return float(rules.least_damping if h == 0 else RATES[h] * rules.faster)
+    rate = RATES[h] * rules.faster
+    return float(max(rate, rules.least_damping) if h < _GROWING else rate)
 
 
 @compiled_part

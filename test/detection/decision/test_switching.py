@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from decided import ROWS, decided
+from decided import ROWS, decided, noise
 
 from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.decision import decisions, switching
 from hunt_ros.detection.decision.rules import rules_of
 from hunt_ros.detection.regions import State
 
@@ -52,3 +53,14 @@ def test_what_decided_stands_with_its_limit() -> None:
     rows = decided(amplitude(60.0, 30.0, 0), RULES, std=20e-6)
     first = rows[np.isin(rows['state'], (State.ESCAPING, State.LIMIT_CYCLE))][0]
     assert first['log_likelihood_ratio'] >= first['log_likelihood_ratio_limit']
+
+
+def test_what_is_damped_by_less_than_the_least_damping_is_a_cycle_to_the_model_too() -> None:
+    t = np.arange(16 * ROWS) / ROWS
+    kicked = np.where(t < 10.0, 0.0, 800e-6 * np.exp(-0.1 * (t - 10.0)))
+    path = np.abs(noise(16.0, 0.4) + kicked)
+    for least, hunts in ((0.05, False), (0.5, True)):
+        rules = rules_of(DetectorConfig(least_damping_per_s=least), math.nan, math.nan)
+        memory = decisions.fresh_memory()
+        decided(path, rules, memory=memory)
+        assert (switching.hunts(memory[0]['motion']) > 0.99) == hunts
