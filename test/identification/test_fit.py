@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from foreign_made import RECORDINGS, RIGS
+from records_made import staircase
 
 from hunt_ros.dynamics.growth_law import SATURATION, TERMS, GrowthScales, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
@@ -223,3 +224,11 @@ def test_a_passage_of_a_rig_whose_conicity_saturates_holds_its_critical_speed():
     off = [abs(one.v_n.value / rig.v_n - 1.0) for one in found if one.v_n is not None]
     assert sum(each < 0.005 for each in off) >= 3
     assert all(one.criticality == 'subcritical' for one in found)
+
+
+def test_a_curved_ridge_is_followed_to_its_end():
+    """After a jump of the path the fit gains a thousandth a step, for more than a hundred."""
+    found = identify([staircase(16)], IdentificationSettings(seed=16))
+    assert found.fit.converged
+    assert found.v_c.low < 8.0 < found.v_c.high
+    assert found.v_n.low < 6.433 < found.v_n.high

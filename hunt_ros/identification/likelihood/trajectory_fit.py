@@ -361,7 +361,7 @@ def fit_path(
     start: Array,
     prior: LawPrior,
     priors: Sequence[Prior] = (),
-    iterations: int = 100,
+    iterations: int = 300,
     own: Array | None = None,
     spread: Array | None = None,
 ) -> TrajectoryFit:
