@@ -118,6 +118,9 @@ def test_a_fit_that_has_not_converged_says_so_and_gives_no_number(records, monke
     assert all(value is None for value in document['coefficients'].values())
     assert result.normal_form is None
     assert 'not converged' in reason_in(result.unknown, 'v_c')
+    record = records['sweep'][0]
+    louder = Record(dict(changed(record, lateral=lambda y: 1.4 * y)), 'louder')
+    assert not any('contradict' in line for line in identify([record, louder]).warnings)
 
 
 def test_a_rig_that_hunts_for_a_fiftieth_of_the_time_gets_its_form(make):

@@ -269,6 +269,8 @@ def _misfits(evidence: Evidence, misfit: LackOfFit, warnings: list[str]) -> dict
 
 def _disagreement(evidence: Evidence) -> str:
     """Say which recordings show amplitudes or critical speeds too far apart; '' where none do."""
+    if not evidence.fitted.fit.converged:
+        return ''  # nothing is read from it, what recordings have of their own neither
     for k, what in ((0, 'amplitudes'), (2, 'critical speeds')):
         own = evidence.fitted.fit.own[:, k]
         low, high = int(np.argmin(own)), int(np.argmax(own))
