@@ -178,7 +178,7 @@ def channels_of(record: Record) -> Channels:
         refuse(not len(record[channel].finite()), name, none)
     lateral = record['lateral']
     start_ns, time, values = int(lateral.stamps_ns[0]), lateral.seconds(), lateral.values
-    few = f'{time.size} lateral samples over {time[-1]:.1f} s are too few'
+    few = f'{time.size} lateral samples over {time[-1]:.4g} s are too few'
     refuse(time.size < 50 or time[-1] < 3.0, name, f'{few}, expected at least 50 over 3 s')
     told = record['speed'].finite()
     when, read = told.seconds(start_ns), told.values
