@@ -181,7 +181,7 @@ class HuntingDetectorNode(SuiteNode):
         return None if forecast is None else forecast.critical_speed
 
     def _on_verdict(self, verdict: Verdict) -> None:
-        """Tell that a railway criterion began or ceased to exceed its limit."""
+        """Publish that a railway criterion began or ceased to exceed its limit."""
         status = self._detector.status
         known = {name: status.number(name) for name in EVENT_NUMBERS}
         self._tell(criterion_event(verdict, status.stamp_ns, status.level, known))

@@ -77,9 +77,11 @@ class Path:
         """
         Variance of the second order of averaging on the way to each instant, shape (n,).
 
-        It is A g dg/d(ln A) / omega a second, A times the second difference of ln A over the
-        angle of a step, seen at both ends. By the path and not by the law, which would bend to
-        explain noise by it.
+        The law is that of the motion averaged over a cycle, right to first order of growth rate
+        over angular frequency: what grows fast leaves it, and a jump overshoots the limit cycle.
+        The second order is A g dg/d(ln A) / omega a second, A times the second difference of ln A
+        over the angle of a step, seen at both ends. By the path and not by the law, which would
+        bend to explain noise by it.
 
         References
         ----------

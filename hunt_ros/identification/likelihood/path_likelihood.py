@@ -8,11 +8,8 @@ window shows it as large as `_blurred` says; at each sample a radial and a tange
 compare it with the measurement. Without process noise (Q = 0) this is the trajectory fit by
 nonlinear least squares with a free initial amplitude for each segment; with it the random walk
 that throws a rig out of the quiet state, and the quiet motion before, are part of the model, so
-that nothing is selected by its outcome. The derivatives by law and noise are carried along.
-
-The law is that of the motion averaged over a cycle, right to first order of growth rate over
-angular frequency: what grows fast leaves it, and a jump overshoots the limit cycle. The size of
-the second order (`Path.beyond`) counts as an error of each step.
+that nothing is selected by its outcome; `Path.beyond` is an error of the law in each step. The
+derivatives by law and noise are carried along.
 """
 
 from __future__ import annotations
