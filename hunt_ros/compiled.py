@@ -91,7 +91,7 @@ def compiled(function: _Function) -> _Function:
     callable
         The kernel, or `function` itself where there is no compiler.
     """
-    if not HAVE_COMPILER:
+    if not runs_compiled():
         return function
     kernel = _numba().njit(nogil=True)(function)
     kernel._compile_for_args = lambda *values: kernel if _ready(kernel) else function
@@ -113,7 +113,7 @@ def compiled_part(function: _Function) -> _Function:
     callable
         The part, or `function` itself where there is no compiler.
     """
-    if not HAVE_COMPILER:
+    if not runs_compiled():
         return function
     part = _numba().njit(nogil=True)(function)
     part._compile_for_args = lambda *values: function
@@ -144,13 +144,18 @@ def serve_live(say: Callable[[str], None]) -> None:
     say : callable
         Gets one line where machine code is missing.
     """
-    global HAVE_COMPILER, _may_compile
+    global _may_compile
     on_compilation(say)
     _may_compile = False
-    if not HAVE_COMPILER or is_complete():
-        return
-    HAVE_COMPILER = False
-    say('the kernels are not compiled: they run as plain Python, slower (`hunt compile`)')
+
+
+@cache
+def runs_compiled() -> bool:
+    """Return True if the kernels of this process run as machine code, a live one from disk."""
+    if HAVE_COMPILER and not (_may_compile or is_complete()):
+        _say('the kernels are not compiled: they run as plain Python, slower (`hunt compile`)')
+        return False
+    return HAVE_COMPILER
 
 
 def compile_all() -> int:

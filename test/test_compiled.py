@@ -219,7 +219,7 @@ import hunt_ros.compiled as c
 c.serve_live(print)
 from hunt_ros.estimation.turning import Unwrapping
 Unwrapping().update(np.arange(3), np.arange(3) / 10.0)
-print(c.HAVE_COMPILER, len(c.KERNELS))
+print(c.runs_compiled(), len(c.KERNELS))
 """
 
 
@@ -298,7 +298,7 @@ for missing in ('', *channels):
 assert len(c.KERNELS) > 10, c.KERNELS
 c.load()
 c.load()
-print(c.HAVE_COMPILER, said)
+print(c.runs_compiled(), said)
 """
 
 

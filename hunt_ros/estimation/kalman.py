@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hunt_ros.compiled import HAVE_COMPILER
+from hunt_ros.compiled import runs_compiled
 from hunt_ros.errors import HuntError
 from hunt_ros.estimation.tracker import layout as at
 from hunt_ros.estimation.tracker.block import ESTIMATE, track_block
@@ -89,7 +89,7 @@ class HuntingTracker:
 
     def reset(self) -> None:
         """Forget everything seen."""
-        t = self._tracker = zeros(at.Tracker, HAVE_COMPILER)
+        t = self._tracker = zeros(at.Tracker, runs_compiled())
         t.turns_angle = math.nan
         t.last_stamp = t.last_output = _NEVER
         for read in t.inputs:
