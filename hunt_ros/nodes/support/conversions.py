@@ -144,9 +144,9 @@ class ChannelReader:
             value, message.position[index] = message.position[index], _mark(0)
         else:
             value, message.twist.linear.x = message.twist.linear.x, _mark(0)
-        marked = serialize_message(message)
-        self._place = _place(marked, 0)
-        self._same = marked[12 : self._place]
+        self._place = _place(serialize_message(message), 0)
+        # As it came: between the fields stand bytes without meaning, other ones of each publisher.
+        self._same = wire[12 : self._place]
         return to_ns(message.header.stamp), value
 
 

@@ -13,6 +13,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from hunt_ros.bag.cdr.message_types import standard_types
+from hunt_ros.nodes.support import conversions
 from hunt_ros.nodes.support.conversions import (
     ChannelReader,
     diagnostic,
@@ -62,6 +63,16 @@ def test_another_layout_in_between_is_read_too() -> None:
     first = joint_writer(['lateral'], 'rig', velocity=True)(1, 0.5, 7.0)
     other = joint_writer(['lateral'], 'another_frame')(2, 0.75)
     assert [reader.read(wire) for wire in (first, other, first)] == [(1, 0.5), (2, 0.75), (1, 0.5)]
+
+
+def test_bytes_without_meaning_between_the_fields_cost_no_message(monkeypatch) -> None:
+    """Another process leaves others there, in each of its messages."""
+    wire = bytearray(joint_writer(['lateral'], 'rig_frame')(1, 0.5))
+    wire[26:28] = b'\xab\xcd'  # behind the ten bytes of the frame
+    reader = ChannelReader('lateral')
+    assert reader.read(bytes(wire)) == (1, 0.5)
+    monkeypatch.setattr(conversions, 'deserialize_message', None)
+    assert reader.read(bytes(wire)) == (1, 0.5)
 
 
 def test_a_speed_is_read_from_the_wire() -> None:
