@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
             remarks += more
             detector = HuntingDetector(config, form)
             outputs = watch(record, detector, advance)
-        found = collect(outputs, _companions(beside, config), detector)
+        found = collect(outputs, detector, _companions(beside, config))
     if problems := record.notes.get('problems'):  # its end may be missing
         remarks.append(f'damaged: {problems}; "hunt info" says more')
     if bursts := record.notes.get('bursts'):

@@ -33,8 +33,13 @@ class Findings:
 
     Parameters
     ----------
+    period_ns : int
+        From row to row.
+    history : AlarmHistory
+        The alarms.
     level_rows, region_rows : Counter
-        Rows on each level and in each region.
+        Rows on each level and in each region. There are none while all channels are silent: that
+        time is counted in such rows too, as stale and of no known region.
     reason_rows : Counter
         Rows that each reason, in words, made WARN or worse.
     max_amplitude_m : float
@@ -46,24 +51,24 @@ class Findings:
         Transitions of the detector, and of the criteria.
     verdicts : list of Verdict
         Railway criteria that began or ceased to exceed their limit.
-    history : AlarmHistory or None
-        The alarms; None where no detector was named.
     forecast : Forecast or None
         Of v_c, from the quiet response of the whole record; None where none was made.
     blind : bool
         Not even of yaw an amplitude was known anywhere.
     """
 
+    period_ns: int
+    history: AlarmHistory
     level_rows: Counter[str] = field(default_factory=Counter)
     region_rows: Counter[str] = field(default_factory=Counter)
     reason_rows: Counter[str] = field(default_factory=Counter)
     max_amplitude_m: float = math.nan
     events: list[Event] = field(default_factory=list)
     verdicts: list[Verdict] = field(default_factory=list)
-    history: AlarmHistory | None = None
     forecast: Forecast | None = None
     blind: bool = True
     _least_m: float = field(default=-math.inf, repr=False)
+    _last_ns: int | None = field(default=None, repr=False)
 
     def add(self, rows: NDArray[np.void]) -> None:
         """Take in rows of estimates, at least one."""
@@ -75,6 +80,13 @@ class Findings:
             for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
                 counter[kind(number).label] += count
         self.reason_rows += reason_counts(rows)
+        stamps = rows['stamp_ns']
+        steps = np.diff(stamps, prepend=stamps[0] if self._last_ns is None else self._last_ns)
+        self._last_ns = int(stamps[-1])
+        silent = int((steps[steps > self.period_ns] // self.period_ns - 1).sum())
+        self.level_rows += Counter({Level.STALE.label: silent})
+        self.region_rows += Counter({Region.UNKNOWN.label: silent})
+        self.reason_rows += Counter({'all channels are silent': silent})
         self.blind &= not np.isfinite(rows['judged']).any()
         from_yaw = (rows['doubts'] & doubts.FROM_YAW) != 0
         # Where no lateral displacement is read there is nothing to compare it with.
@@ -164,8 +176,8 @@ def frequency_for(
 
 def collect(
     outputs: Iterator[Output],
+    detector: HuntingDetector,
     companions: Companions | None = None,
-    detector: HuntingDetector | None = None,
 ) -> Findings:
     """
     Add up what a detector said, and what runs beside it.
@@ -174,12 +186,12 @@ def collect(
     ----------
     outputs : iterator of Output
         As from `replay.watch`.
+    detector : HuntingDetector
+        Which they come from.
     companions : Companions, optional
         Fed with the outputs, and finished at their end.
-    detector : HuntingDetector, optional
-        Which they come from: its history of alarms is kept with them.
     """
-    found = Findings()
+    found = Findings(detector.config.period_ns, detector.history)
     for output in outputs:
         if output.estimates.size:
             found.add(output.estimates)
@@ -193,7 +205,6 @@ def collect(
         found.events += events
     if companions is not None:
         found.forecast = companions.finish()
-    found.history = None if detector is None else detector.history
     return found
 
 

@@ -84,4 +84,4 @@ def events_of(
     if normal_form is None:
         config, _ = frequency_for(record, config)
     detector = HuntingDetector(config, normal_form)
-    return collect(watch(record, detector)).events, detector.clearances.all()
+    return collect(watch(record, detector), detector).events, detector.clearances.all()

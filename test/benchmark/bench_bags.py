@@ -109,7 +109,8 @@ def hour(folder: Path, seconds: float) -> list[list[object]]:
 
     def replay(record: Record) -> None:
         config, _ = config_for(record, DetectorConfig())
-        collect(watch(record, HuntingDetector(config, PAPER), lambda fraction: None))
+        detector = HuntingDetector(config, PAPER)
+        collect(watch(record, detector), detector)
 
     record = three_channels(seconds)
     rows: list[list[object]] = []

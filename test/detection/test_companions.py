@@ -64,7 +64,8 @@ def test_a_criterion_speaks_when_its_limit_is_passed_and_after_reset_again(hunti
 
 def test_live_with_ticks_and_its_replay_say_what_the_whole_record_says(hunting) -> None:
     config, _ = config_for(hunting, DetectorConfig())
-    whole = collect(watch(hunting, HuntingDetector(config)), Companions(HUNTING))
+    detector = HuntingDetector(config)
+    whole = collect(watch(hunting, detector), detector, Companions(HUNTING))
     live, rig = Companions(HUNTING), Fed(HuntingDetector(config))
     verdicts: list[Verdict] = []
     list(rig.play(hunting, range(0, hunting.end_ns + 1, 50_000_000)))

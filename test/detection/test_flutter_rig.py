@@ -45,7 +45,7 @@ def _detected(path: Path) -> tuple[Record, Output, Findings, DetectorStatus]:
 
     # A wing has no roller: no line follows the speed of the air.
     detector = HuntingDetector(DetectorConfig(channels=('lateral', 'yaw', 'speed'), lines=()))
-    found = collect(listen())
+    found = collect(listen(), detector)
     return record, Output.joined(outputs), found, detector.status
 
 

@@ -15,7 +15,8 @@ from made import PAPER, words
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, JournalEntry, Level
 from hunt_ros.detection.acceptance import rolled_back
-from hunt_ros.detection.replay import samples_apart
+from hunt_ros.detection.offline import collect
+from hunt_ros.detection.replay import samples_apart, watch
 from hunt_ros.errors import HuntError
 from hunt_ros.samples import Record, Series
 
@@ -116,6 +117,26 @@ def test_any_live_run_is_repeated_bit_for_bit(seed: int, recorded) -> None:
     rig.assert_replayed()
     with patch('hunt_ros.detection.replay._STRETCH_NS', int(rng.integers(10**8, 10**9))):
         rig.assert_replayed()
+
+
+@pytest.mark.parametrize('what', ['all channels are silent', 'the clock is set back'])
+def test_all_time_that_passed_is_on_some_level(what, recorded) -> None:
+    channels = {}
+    for name, one in recorded(6.8, 30.0).items():
+        stamps, values = one.stamps_ns, one.values
+        if what == 'the clock is set back':
+            stamps = stamps - np.where(stamps < 20_000_000_000, 0, 8_000_000_000)
+        else:
+            there = (stamps < 10_000_000_000) | (stamps > 16_000_000_000)
+            stamps, values = stamps[there], values[there]
+        channels[name] = Series(stamps, values)
+    detector = HuntingDetector(DetectorConfig(), PAPER)
+    found = collect(watch(Record(channels), detector), detector)
+    for rows in (found.level_rows, found.region_rows):
+        assert rows.total() * found.period_ns / 1e9 == pytest.approx(30.0, abs=0.1)
+    silent = found.reason_rows['all channels are silent'] * found.period_ns / 1e9
+    assert silent == pytest.approx(5.5 if what == 'all channels are silent' else 0.0, abs=0.5)
+    assert found.level_rows['STALE'] * found.period_ns / 1e9 >= silent
 
 
 def test_a_journal_line_that_is_none_is_refused() -> None:

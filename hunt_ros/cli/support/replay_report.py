@@ -38,7 +38,7 @@ def document(
 
     return {
         'summary': {
-            'duration_s': record.duration_s,
+            'duration_s': _lasted_s(found),
             'samples': sum(len(series) for series in record.values()),
             'level_time_s': {
                 level.label: row_s * found.level_rows[level.label] for level in Level
@@ -63,7 +63,7 @@ def document(
             }
             for event in found.events
         ],
-        'alarms': found.history.to_json(record.start_ns) if found.history else None,
+        'alarms': found.history.to_json(record.start_ns),
         'criteria': [
             {
                 't_s': seconds(verdict.stamp_ns),
@@ -95,7 +95,7 @@ def lines_of(
     times = ', '.join(f'{name} {row_s * n:.1f} s' for name, n in found.level_rows.items())
     largest = 1e3 * found.max_amplitude_m
     most = f'{largest:.3f} mm' if math.isfinite(largest) else '-'
-    lines.append(f'{record.duration_s:.1f} s: {times}; largest amplitude {most}')
+    lines.append(f'{_lasted_s(found):.1f} s: {times}; largest amplitude {most}')
     for words, rows in found.reason_rows.most_common():
         lines.append(f'  {row_s * rows:8.1f} s  {words}')
     if (forecast := found.forecast) is not None:
@@ -104,6 +104,11 @@ def lines_of(
             told = f'{speed.with_interval("m/s")}, {counted(forecast.levels, "speed level")}'
         lines.append(f'v_c from the quiet response: {told}')
     return Words(speed_unit).in_unit('\n'.join(lines))
+
+
+def _lasted_s(found: Findings) -> float:
+    """Return the time from the first row to the last, which no clock that was set changes."""
+    return max(found.level_rows.total() - 1, 0) * found.period_ns / 1e9
 
 
 def _forecast(forecast: Forecast | None) -> dict[str, Any] | None:

@@ -110,5 +110,5 @@ def test_the_largest_amplitude_is_one_that_was_known(channels, dies, recorded, t
         record = dead(record, dies, 30.0, 0.0)
     record = without(record, *set(record) - set(channels))
     detector = HuntingDetector(DetectorConfig(channels=channels), true_form)
-    found = collect(watch(record, detector))
+    found = collect(watch(record, detector), detector)
     assert found.max_amplitude_m == pytest.approx(math.sqrt(2.0) * cycle.std(), rel=0.1)
