@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -101,6 +102,7 @@ def _channels(
     table: Table, given: Mapping[str, ChannelSource], rate_hz: float | None, time: str | None
 ) -> tuple[dict[str, Series], dict[str, ChannelSource]]:
     """Return the series of the channels, and where each comes from."""
+    given = {name: replace(one, source=table.column(one.source)) for name, one in given.items()}
     mapping = {**_named(table, given), **given}
     sources = {name: source for name, source in mapping.items() if source.constant is None}
     for name, source in sources.items():
@@ -205,7 +207,7 @@ def _time_source(table: Table, time: str | None) -> ChannelSource:
         source = ChannelSource.of('time', time)
         if source.constant is not None:
             raise BagError('the time is a constant, expected a column')
-        return source
+        return replace(source, source=table.column(source.source))
     names = {_key(str(name)): str(name) for name in table}
     usual = next((name for name in TIMES if name in names), '')
     dates = [name for name, column in table.items() if getattr(column, 'dtype', None) is not None

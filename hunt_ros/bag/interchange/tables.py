@@ -47,6 +47,11 @@ class Table(dict[str, Any]):
         self.told: dict[str, str] = {}
         self.doubt = ''
 
+    def column(self, source: str) -> str:
+        """Return a source, or the name of the column whose unit stands behind it."""
+        name = _name_and_unit(source)[0]
+        return name if source not in self and name in self.units else source
+
 
 _STEP = re.compile(r'\.?([^.\[\]]+)|\[([^\[\]]*)\]')
 #: Lines of a text file by which its columns are told.
@@ -59,7 +64,7 @@ _ONE_MARK = re.compile(r'[+-]?\d*([.,])\d*(?:[eE][+-]?\d+)?')
 #: A number, which may have a decimal comma.
 _DECIMAL_COMMA = re.compile(r'[+-]?\d+(?:,\d+)?(?:[eE][+-]?\d+)?')
 #: A cell with nothing in it, and what stands for it: of any kind of numbers, and none of a sensor.
-_EMPTY, _HOLE = re.compile(r'(^|[;,\t]) *(?![^;,\t])'), np.iinfo(np.int64).min
+_EMPTY, _HOLE = re.compile(r'(^|[;,\t|]) *(?![^;,\t|])'), np.iinfo(np.int64).min
 #: A date as Germany writes it; a time of day.
 _DAY_FIRST = re.compile(r'^(\d\d?)\.(\d\d?)\.(\d{4})[ T]+(\d\d:.*)$')
 _CLOCK = re.compile(r'^\d\d?:\d\d:\d\d(\.\d*)?$')
@@ -213,6 +218,8 @@ def _read_csv(path: Path) -> Table:
     if not told:
         raise BagError('has no lines of numbers')
     delimiter = Counter(_delimiter(lines[i]) for i in told).most_common(1)[0][0]
+    if delimiter == '|':  # of Markdown: around each line too
+        lines = [line.strip(' |') for line in lines]
     looked = {i: _cells(lines[i], delimiter) for i in told}
     width = Counter(map(len, looked.values())).most_common(1)[0][0]
     # Cells behind separators that end every line are none.
@@ -237,6 +244,8 @@ def _read_csv(path: Path) -> Table:
         place = heads[-2 if two else -1]
         pairs = [_name_and_unit(cell.strip()) for cell in above[place][:usual]]
         names, units = [name for name, _ in pairs], [unit for _, unit in pairs]
+        whole = [cell.strip() for cell in above[place][:usual]]  # of one name with several units
+        names = [b if names.count(a) > 1 else a for a, b in zip(names, whole, strict=True)]
         # Lines of units and the like under the names; what is no such line, its error tells.
         below = list(takewhile(lambda row: _is_head(row, 1), above[place + 1 :]))
         first = place + 1 + len(below)
@@ -245,7 +254,7 @@ def _read_csv(path: Path) -> Table:
             ['', *row[1:]] for row in above if row[:1] == ['Y_Unit_Label']
         ]  # LabVIEW
         if below:
-            under = [cell.strip(' []()"') for cell in below[0]] + [''] * usual
+            under = [cell.strip(' []()"-') for cell in below[0]] + [''] * usual
             units = [a or b for a, b in zip(units, under, strict=False)]
     if end := (delimiter or '') * (width - usual):
         lines = [line.rstrip().removesuffix(end) for line in lines]
@@ -277,7 +286,9 @@ def _name_and_unit(cell: str) -> tuple[str, str]:
 def _delimiter(line: str) -> str | None:
     parts = line.split()
     decimal = len(parts) > 1 and all(map(_DECIMAL_COMMA.fullmatch, parts))
-    found = (mark for mark in (';', '\t', ',') if mark in line and not (mark == ',' and decimal))
+    found = (
+        mark for mark in (';', '\t', '|', ',') if mark in line and not (mark == ',' and decimal)
+    )
     return next(found, None)  # any white space
 
 

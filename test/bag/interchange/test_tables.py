@@ -70,6 +70,12 @@ def test_matlab_structures_are_followed(tmp_path: Path) -> None:
     [
         ('t,y\n0,10\n0.5,20\n', ['lateral=y*0.001']),
         ('t\ty\n0\t10\n0.5\t20\n', ['lateral=y*0.001']),
+        ('t|y\n0|10\n0.5|20\n', ['lateral=y*0.001']),
+        ('| t | y |\n|---|---|\n| 0 | 10 |\n| 0.5 | 20 |\n', ['lateral=y*0.001']),
+        # A name with its unit is that of its column; the factor is applied once.
+        ('t;Weg 1 [mm]\n0;10\n0.5;20\n', ['lateral=Weg 1 [mm]*0.001']),
+        ('t;Weg 1 [mm]\n0;10\n0.5;20\n', ['lateral=Weg 1*0.001']),
+        ('t;Weg [mm];Weg [V]\n0;10;1\n0.5;20;2\n', ['lateral=Weg [mm]*0.001']),
         ('# made by a logger\nt y\n0 10\n0.5 20\n', ['lateral=y*0.001']),
         ('t;y\ns;mm\n0;10\n0,5;20\n', ['lateral=y*0.001']),
         ('\ufefft, y\n0, 10\n\n0.5, 20\n\n', ['lateral=y*0.001']),
