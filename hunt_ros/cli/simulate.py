@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from functools import partial
 
 from hunt_ros.bag.record_writer import write_record
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import tell
+from hunt_ros.dynamics.linear_stability import critical_frequency
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.profile import Profile
 from hunt_ros.dynamics.simulation import Kick, Roughness, SensorModel, SimulationSettings, simulate
@@ -60,6 +62,12 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigError(
             f'--rate: {duration_s:g} s at {arguments.rate:g} Hz are more than'
             f' {_MOST_SAMPLES:g} samples a sensor'
+        )
+    hunting_hz = critical_frequency(rig) / (2.0 * math.pi * rig.time_scale)
+    if arguments.rate < 2.0 * hunting_hz:  # Shannon (1949)
+        raise ConfigError(
+            f'--rate: {arguments.rate:g} Hz are too few to show hunting of {hunting_hz:.3g} Hz,'
+            f' expected {2.0 * hunting_hz:.3g} or more'
         )
     kicks = []
     for time_s, size in arguments.kick:
