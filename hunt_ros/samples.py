@@ -318,6 +318,11 @@ def number_of(texts: Mapping[str, str], name: str) -> float:
         return math.nan
 
 
+def plain(number: float, digits: int = 3) -> str:
+    """Return a number of so many digits without an exponent: 3000, and not 3e+03."""
+    return np.format_float_positional(number, digits, fractional=False, trim='-')
+
+
 def counted(number: int, thing: str) -> str:
     """Return e.g. '1 recording', '2 recordings'."""
     return f'{number} {thing}' if number == 1 else f'{number} {thing}s'

@@ -23,6 +23,7 @@ from hunt_ros.samples import (
     NANOSECONDS,
     Record,
     Series,
+    plain,
     smallest_step,
 )
 from hunt_ros.sensors import MOTION, SENSORS, saturated_from
@@ -174,7 +175,7 @@ def _times(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
     apart = steps[~regular]
     missing = float(np.sum(np.rint(apart / step) - 1.0))
     least = _IN_A_PERIOD * _highest_hz(rig) if channel in MOTION else _SPEED_HZ
-    text, advice = f'{1.0 / step:.4g} samples/s', f'sample it at {least:.3g} Hz or more'
+    text, advice = f'{plain(1.0 / step, 4)} samples/s', f'sample it at {plain(least)} Hz or more'
     yield _judged('rate', channel, 1.0 / step < least, text, advice, 1.0 / step, 'Hz')
     jitter = float(np.std(steps[regular])) / math.sqrt(2.0)
     most = _JITTER_SHARE / (2.0 * math.pi * _highest_hz(rig))
@@ -186,7 +187,7 @@ def _times(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
     loose = channel in MOTION and jitter > most
     yield _judged('jitter', channel, loose, text, advice, jitter, 's')
     share = missing / (len(series) + missing)
-    text = f'{missing:.0f} samples are missing, the longest gap is {float(steps.max()):.3g} s'
+    text = f'{missing:.0f} samples are missing, the longest gap is {plain(float(steps.max()))} s'
     advice = 'look for lost messages: the network, the depth of the queues, the load of the host'
     yield _judged('gaps', channel, share > _MISSING_SHARE, text, advice, share)
 
@@ -196,7 +197,9 @@ def _clock(channel: str, series: Series, arrivals: NDArray[np.int64]) -> Finding
     late = (arrivals - series.stamps_ns) / NANOSECONDS
     # What is under way comes late, never early: the quickest message tells the clocks' offset.
     offset = float(np.quantile(late, 0.05))
-    text = f'stamps are {abs(offset) * 1e3:.3g} ms {"before" if offset >= 0 else "after"} arrival'
+    text = (
+        f'stamps are {plain(1e3 * abs(offset))} ms {"before" if offset >= 0 else "after"} arrival'
+    )
     advice = 'synchronise the clocks of the hosts (PTP: docs/lab-pc.md)'
     state = FAIL if abs(offset) > CLOCK_OFFSET_NS / NANOSECONDS else WARN
     apart = not -1e-3 <= offset <= _OFFSET_S
@@ -241,7 +244,7 @@ def _readings(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
     limit = saturated_from(rig, channel)
     largest = float(np.abs(values).max())
     if 0.0 < limit <= largest:
-        text = f'readings reach {largest:.4g} {unit}'
+        text = f'readings reach {plain(largest, 4)} {unit}'
         advice = (
             f'they are saturated from {limit:.4g} {unit} on: centre the sensor, or take one with'
             ' a larger range'
@@ -303,7 +306,7 @@ def _roller(record: Record, rig: Rig) -> Iterator[Finding]:
         # What wraps between two readings looks slower than it is: the speed says how fast it is.
         diameter_m = rig.roller_diameter_m or _ROLLER_M
         quick = max(quick, 2.0 * running / diameter_m * span / len(times))
-    text = f'the angle runs {way} at {rate:.4g} rad/s{wraps}'
+    text = f'the angle runs {way} at {plain(rate, 4)} rad/s{wraps}'
     advice = 'it turns by more than a quarter from reading to reading: read it more often'
     seldom = quick > 0.5 * _WRAP
     yield _judged('encoder', 'roller', seldom, text, advice, math.copysign(rate, net), 'rad/s')

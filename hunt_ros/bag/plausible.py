@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from hunt_ros.errors import BagError
-from hunt_ros.samples import NANOSECONDS, Record, Series
+from hunt_ros.samples import NANOSECONDS, Record, Series, plain
 from hunt_ros.sensors import SENSORS
 
 #: A motion is looked at so long, s, and over so many values at least.
@@ -64,7 +64,7 @@ def wrong_unit(channel: str, series: Series, usual_most: float = math.inf) -> st
     if usual <= most:
         return ''
     return (
-        f'channel {channel} is beyond {usual:.3g} {unit} half of the time, expected less than'
+        f'channel {channel} is beyond {plain(usual)} {unit} half of the time, expected less than'
         f' {most:g} {unit}: recorded in another unit? (--channel {channel}=SOURCE{factor})'
     )
 

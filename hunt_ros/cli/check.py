@@ -143,7 +143,7 @@ def _publishers(heard: Mapping[str, Any], rig: Rig) -> list[Finding]:
 def _damage(record: Record) -> list[Finding]:
     """Return what opening a recording showed to be wrong with it."""
     problems = record.notes.get('problems')
-    advice = 'hunt info tells all that is wrong with it, and its --repair saves what is sound'
+    advice = 'hunt info tells all that is wrong with it'
     return [Finding('damage', '', WARN, f'damaged: {problems}', advice)] if problems else []
 
 
