@@ -123,7 +123,7 @@ def check_rig(
         if channel in arrivals:
             found.append(_clock(channel, series, arrivals[channel]))
         found += _readings(channel, series, rig)
-    found += _roller(replace(record, channels=evened(record)[0]), rig)
+    found += check_roller(replace(record, channels=evened(record)[0]), rig)
     return found
 
 
@@ -197,9 +197,8 @@ def _clock(channel: str, series: Series, arrivals: NDArray[np.int64]) -> Finding
     late = (arrivals - series.stamps_ns) / NANOSECONDS
     # What is under way comes late, never early: the quickest message tells the clocks' offset.
     offset = float(np.quantile(late, 0.05))
-    text = (
-        f'stamps are {plain(1e3 * abs(offset))} ms {"before" if offset >= 0 else "after"} arrival'
-    )
+    side = 'before' if offset >= 0 else 'after'
+    text = f'stamps are {plain(1e3 * abs(offset))} ms {side} arrival'
     advice = 'synchronise the clocks of the hosts (PTP: docs/lab-pc.md)'
     state = FAIL if abs(offset) > CLOCK_OFFSET_NS / NANOSECONDS else WARN
     apart = not -1e-3 <= offset <= _OFFSET_S
@@ -258,8 +257,22 @@ def _noise(values: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(second**2) / 6.0))
 
 
-def _roller(record: Record, rig: Rig) -> Iterator[Finding]:
-    """Direction and wrap of the encoder, and the diameter of the roller against the speed."""
+def check_roller(record: Record, rig: Rig) -> Iterator[Finding]:
+    """
+    Look at speed and encoder, and at whether they contradict each other.
+
+    Parameters
+    ----------
+    record : Record
+        Its samples evenly spaced (`bursts.evened`).
+    rig : Rig
+        Its channels, and the diameter of the roller.
+
+    Yields
+    ------
+    Finding
+        'speed': the direction; 'encoder': direction and wrap; 'diameter': that by both.
+    """
     speed, roller = record.get('speed'), record.get('roller')
     speeds = np.zeros(0) if speed is None else speed.values[np.isfinite(speed.values)]
     if speeds.size >= _FEWEST:

@@ -15,6 +15,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from hunt_ros.analysis.rig_check import FAIL, check_roller
 from hunt_ros.bursts import bursts_of
 from hunt_ros.errors import IdentificationError
 from hunt_ros.estimation.record_motion import Motion, turns_per_metre
@@ -46,6 +47,8 @@ from hunt_ros.sensors import DISPLACEMENTS, saturated_from
 
 #: A recording, or what reads it.
 Source: TypeAlias = Record | Callable[[], Record]
+#: What to do with a recording whose encoder is wrong.
+_NO_ENCODER = 'where it is the encoder, leave roller out of "channels" (--set, or the rig file)'
 
 
 class Recording:
@@ -97,6 +100,7 @@ class Recording:
             refuse(untimed, record.source, bursts or 'samples come in bursts: bursts.evened')
             record = measuring(record, said, saturated_from(settings, 'lateral'))
             measures = True
+            record = self._with_encoder(record)
             turning = with_angle(record, settings)
             channels = moving(turning)
             low, rate = FREQUENCIES_HZ[0], channels[0].rate_hz
@@ -121,6 +125,17 @@ class Recording:
             stretches=tuple(map(Stretch.of, channels)),
         )
         return record, turning, channels, digest
+
+    def _with_encoder(self, record: Record) -> Record:
+        """Return a record with an encoder only where the rig has one, and the speed agrees."""
+        if 'roller' not in self.settings.channels:
+            others = {name: series for name, series in record.items() if name != 'roller'}
+            return replace(record, channels=others)
+        seen, _ = ignoring(record, self.number, self.settings, ('roller',))
+        for one in check_roller(seen, self.settings):
+            apart = one.check == 'diameter' and one.state == FAIL
+            refuse(apart, record.source, f'{one.text}: {one.advice}; {_NO_ENCODER}')
+        return record
 
     @cached_property
     def digest(self) -> Digest:

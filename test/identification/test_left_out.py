@@ -12,6 +12,7 @@ from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import SimulationSettings, simulate
 from hunt_ros.errors import ConfigError, IdentificationError
 from hunt_ros.identification import IdentificationSettings, identify
+from hunt_ros.identification.preparation import Recording
 
 
 def changed(record, change):
@@ -50,6 +51,20 @@ def test_an_interval_of_no_recording_is_refused_and_an_empty_one_is_said(loop):
     short = loop.between(loop.start_ns, loop.start_ns + 60_000_000_000)
     found = identify(short, IdentificationSettings(ignore=((900.0, 950.0, 0),)))
     assert any('no sample is between 900 and 950 s' in line for line in found.notices)
+
+
+def test_a_speed_that_the_encoder_contradicts_is_refused_as_hunt_check_fails_it(loop):
+    speed = loop['speed']
+    time = speed.seconds(loop.start_ns)
+    stands = (time >= 100.0) & (time < 200.0)
+    frozen = made.changed(loop, speed=np.where(stands, speed.values[0], speed.values))
+    with pytest.raises(IdentificationError, match='speed and encoder tell .* apart in a tenth'):
+        identify(frozen)
+    for usable in ({'ignore': ((99.0, 201.0, 0),)}, {'channels': ('lateral', 'yaw', 'speed')}):
+        assert not Recording(frozen, 1, IdentificationSettings(**usable)).digest.refused
+    assert not Recording(loop, 1, IdentificationSettings(roller_diameter_m=0.3)).digest.refused
+    told = IdentificationSettings(roller_diameter_m=0.36)
+    assert 'the rig file says 0.36 m' in Recording(loop, 1, told).digest.refused
 
 
 def test_readings_at_the_end_of_a_range_that_is_known_are_left_out(loop, identified):

@@ -10,6 +10,7 @@ out, and said: what they would show is an amplitude that the sensor made.
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import replace
 from itertools import pairwise
 
@@ -46,7 +47,10 @@ _RESOLVED = 4.0
 
 
 def ignoring(
-    record: Record, number: int, settings: IdentificationSettings
+    record: Record,
+    number: int,
+    settings: IdentificationSettings,
+    names: Collection[str] = ('lateral', 'yaw'),
 ) -> tuple[Record, tuple[int, ...]]:
     """
     Take out the intervals of a recording that the user leaves out.
@@ -54,11 +58,13 @@ def ignoring(
     Parameters
     ----------
     record : Record
-        Channels `lateral` and `yaw` get NaN there.
+        The channels named get NaN there.
     number : int
         Of the recording, 1 for the first.
     settings : IdentificationSettings
         For `ignore`.
+    names : collection of str, optional
+        Channels.
 
     Returns
     -------
@@ -67,7 +73,7 @@ def ignoring(
         Samples that each interval leaves out.
     """
     channels, counts = dict(record), [0] * len(settings.ignore)
-    for name in channels.keys() & {'lateral', 'yaw'}:
+    for name in channels.keys() & set(names):
         series = channels[name]
         time, values = series.seconds(record.start_ns), series.values.copy()
         for k, (low, high, which) in enumerate(settings.ignore):
