@@ -150,11 +150,12 @@ def expand_messages(
     if not packed:
         return block
     budget = LARGEST_CHUNK
+    machine = zstandard.ZstdDecompressor()  # one for all: to make it takes 16 times a message
     rows = []
     for start, length, stamp, topic in in_order(block.places):
         raw = block.data[start : start + length].tobytes()
         try:
-            raw = expand_zstd(raw, budget) if topic in packed else raw
+            raw = expand_zstd(raw, budget, machine) if topic in packed else raw
         except ValueError as error:
             failed = BagError(f'{path}: a message at {stamp} ns: {error}')
             if damaged is None:
@@ -207,9 +208,13 @@ def expand(data: bytes | memoryview, compression: str, size: int) -> bytes | mem
     return expanded
 
 
-def expand_zstd(data: bytes | memoryview, limit: int = LARGEST_CHUNK) -> bytes:
+def expand_zstd(
+    data: bytes | memoryview,
+    limit: int = LARGEST_CHUNK,
+    machine: zstandard.ZstdDecompressor | None = None,
+) -> bytes:
     """
-    Decompress one zstd frame of at most `limit` bytes.
+    Decompress one zstd frame of at most `limit` bytes, by a machine that is there, or a new one.
 
     Raises
     ------
@@ -222,7 +227,8 @@ def expand_zstd(data: bytes | memoryview, limit: int = LARGEST_CHUNK) -> bytes:
             raise ValueError(f'a zstd frame claims {claimed} bytes, expected at most {limit}')
         # With an unknown content size (-1) the library needs the bound; 0 means none to it.
         bound = limit if claimed < 0 else claimed
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=max(bound, 1))
+        machine = machine or zstandard.ZstdDecompressor()
+        return machine.decompress(data, max_output_size=max(bound, 1))
     except (zstandard.ZstdError, MemoryError) as error:
         raise ValueError(f'zstd cannot expand it ({error})') from error
 
