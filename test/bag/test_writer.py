@@ -61,7 +61,8 @@ def test_mcap_finds_every_crc_and_count_right(bag: Path, record) -> None:
     with open(next(bag.glob('*.mcap')), 'rb') as file:
         reader = make_reader(file, validate_crcs=True)
         counts: dict[str, int] = {}
-        for _, channel, _ in reader.iter_messages():
+        for _, channel, message in reader.iter_messages():
+            assert message.publish_time == message.log_time
             counts[channel.topic] = counts.get(channel.topic, 0) + 1
         summary = reader.get_summary()
         notes = {item.name: item.metadata for item in reader.iter_metadata()}
