@@ -28,7 +28,7 @@ from hunt_ros.bag.blocks import Places, Topic, expand_zstd, is_compressed
 from hunt_ros.bag.cdr.layout import extent
 from hunt_ros.bag.cdr.message_types import Definitions, definition_text, definitions_of
 from hunt_ros.bag.mcap import records as rec
-from hunt_ros.bag.mcap.file import McapFile
+from hunt_ros.bag.mcap.file import McapFile, refuse_unproven
 from hunt_ros.bag.mcap.layout import IMPOSSIBLE, Layout, walked_places
 from hunt_ros.bag.mcap.writer import McapWriter
 from hunt_ros.bag.reader import ACTIVE, Bag, existing, folder_files, of_one, open_storage
@@ -178,6 +178,7 @@ def copy_chunk(layout: Layout, chunk: rec.Chunk, writer: McapWriter) -> None:
     """Copy a chunk as it is; message by message without a CRC, or where one must be left out."""
     raw = rec.expand_chunk(layout.view, chunk)
     data, found = np.frombuffer(raw, np.uint8), walked_places(raw)
+    refuse_unproven(layout, chunk, data)
     times = [(int(part.log_ns.min()), int(part.log_ns.max())) for part in found.values()]
     if not times:
         return

@@ -122,7 +122,7 @@ class SqliteFile:
         """
         Yield the messages of these topics, in the order in which they were written.
 
-        `damaged` is told where the file cannot be read on.
+        `damaged` is told where the file cannot be read on, and what is wrong with it beside.
 
         Raises
         ------
@@ -151,10 +151,20 @@ class SqliteFile:
             count = len(rows)
             if count:
                 yield pack_messages(rows)
+        if failure is None and damaged is not None:
+            failure = self._elsewhere()
         if failure is not None:
             if damaged is None:
                 raise self._damage(failure) from failure
             damaged(self._damage(failure))
+
+    def _elsewhere(self) -> Exception | None:
+        """Return what SQLite finds wrong: other programs read by an index of the times."""
+        try:
+            (told,) = self._base.execute('PRAGMA quick_check(1)').fetchone()
+        except sqlite3.Error as error:
+            return error
+        return None if told == 'ok' else ValueError(told)
 
     def _damage(self, error: Exception) -> BagError:
         reason = ' '.join(str(error).split())

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import errno
 import shutil
-from contextlib import closing
+import sqlite3
+from contextlib import closing, suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
-from bags_made import compressed, make_record, write_messages, write_rosbags
+from bags_made import compressed, make_record, write_mcap, write_messages, write_rosbags
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin
 
@@ -92,6 +93,26 @@ def test_a_chunk_with_a_wrong_crc_is_named_and_left_out(small: Path, tmp_path: P
         assert sum(1 for _ in reader.messages()) == report.messages
 
 
+def test_zeros_in_a_frame_without_a_crc_are_never_read_as_numbers(tmp_path: Path) -> None:
+    """What zstd makes of them is of the right length; nothing but the index knows better."""
+    record = make_record(seconds=0.4)
+    file, spoilt = write_mcap(tmp_path / 'a.mcap', record, enable_crcs=False), tmp_path / 'b.mcap'
+    with closing(McapFile(file)) as opened:
+        chunk = opened.layout.chunks[1]
+    told = 0
+    for at in range(chunk.data + 12, chunk.end - 64, 61):
+        data = bytearray(file.read_bytes())
+        data[at : at + 64] = bytes(64)
+        spoilt.write_bytes(data)
+        with pytest.raises(BagError) as error:
+            read_record(spoilt)
+        told += 'not those of its index' in str(error.value)
+        with suppress(BagError):
+            saved = repair(spoilt, tmp_path / f'saved{at}').path
+            assert message_set(saved) < message_set(file)
+    assert told > 3
+
+
 def test_damage_to_a_length_loses_that_chunk_and_no_other(small: Path, tmp_path: Path) -> None:
     with Bag(small) as bag:
         chunks = bag.files[0].layout.chunks
@@ -153,6 +174,24 @@ def test_a_damaged_sqlite_bag_is_left_to_sqlite(tmp_path: Path) -> None:
     with pytest.raises(BagError, match=r'sqlite3 FILE \.recover'):
         repair(tmp_path / 'peer', tmp_path / 'saved')
     assert not (tmp_path / 'saved').exists()
+
+
+def test_an_sqlite_bag_with_damage_that_nobody_here_reads_is_not_sound(
+    tmp_path: Path,
+) -> None:
+    lateral = Record({'lateral': make_record(seconds=20.0)['lateral']})
+    file = write_rosbags(tmp_path / 'peer', lateral)
+    base = sqlite3.connect(file)
+    query = "SELECT rootpage FROM sqlite_master WHERE name = 'timestamp_idx'"
+    ((page,),) = base.execute(query)
+    base.close()
+    assert not inspect(tmp_path / 'peer').problems[1:]  # it has no speed
+    data = bytearray(file.read_bytes())
+    data[4096 * (page - 1) : 4096 * page] = bytes(4096)
+    file.write_bytes(data)
+    np.testing.assert_array_equal(read_record(file)['lateral'].values, lateral['lateral'].values)
+    kinds = [problem.kind for problem in inspect(tmp_path / 'peer').problems]
+    assert 'damaged_chunk' in kinds
 
 
 @pytest.mark.parametrize('missing', [20, 500, 4096, 100_000])

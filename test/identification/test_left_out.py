@@ -58,7 +58,7 @@ def test_a_speed_that_the_encoder_contradicts_is_refused_as_hunt_check_fails_it(
     time = speed.seconds(loop.start_ns)
     stands = (time >= 100.0) & (time < 200.0)
     frozen = made.changed(loop, speed=np.where(stands, speed.values[0], speed.values))
-    with pytest.raises(IdentificationError, match='speed and encoder tell .* apart in a tenth'):
+    with pytest.raises(IdentificationError, match='apart in a tenth'):
         identify(frozen)
     for usable in ({'ignore': ((99.0, 201.0, 0),)}, {'channels': ('lateral', 'yaw', 'speed')}):
         assert not Recording(frozen, 1, IdentificationSettings(**usable)).digest.refused

@@ -153,6 +153,7 @@ class McapFile:
             index = self.layout.indexes.get(chunk.offset)
             places = None if index is None else _indexed_places(data, index, whole, topics)
             if places is None:
+                refuse_unproven(self.layout, chunk, data)
                 self._remark(chunk, index is None)
                 places = walked_places(data.data)
                 places = {key: places[key] for key in topics & places.keys()}
@@ -205,6 +206,23 @@ def _block(whole: NDArray[np.uint8], group: list[_Opened]) -> Block:
     return Block(data, joined)
 
 
+def refuse_unproven(layout: Layout, chunk: rec.Chunk, data: NDArray[np.uint8]) -> None:
+    """
+    Refuse a compressed chunk that has no CRC, and whose messages are not those of its index.
+
+    Bytes that were damaged before they were expanded are seen by nothing else, and harm others.
+
+    Raises
+    ------
+    ValueError
+        If it is such a chunk.
+    """
+    index, whole = layout.indexes.get(chunk.offset, {}), np.frombuffer(layout.view, np.uint8)
+    unproven = chunk.compression and not chunk.crc
+    if unproven and _indexed_places(data, index, whole, set(index)) is None:
+        raise ValueError('its messages are not those of its index, and it has no CRC')
+
+
 def _indexed_places(
     data: NDArray[np.uint8],
     index: dict[int, IndexPlace],
@@ -216,7 +234,7 @@ def _indexed_places(
     for channel in wanted & index.keys():
         offset, count = index[channel]
         entries = whole[offset : offset + count * ENTRY_BYTES].view('<u8')
-        places = _checked_places(data, entries[1::2], channel)
+        places = _checked_places(data, entries[1::2], entries[::2], channel)
         if places is None:
             return None
         found[channel] = places
@@ -224,7 +242,10 @@ def _indexed_places(
 
 
 def _checked_places(
-    data: NDArray[np.uint8], offsets: NDArray[np.uint64], channel: int
+    data: NDArray[np.uint8],
+    offsets: NDArray[np.uint64],
+    times: NDArray[np.uint64],
+    channel: int,
 ) -> Places | None:
     """Check that there is a message of the channel at every offset, and where it ends."""
     if offsets.size == 0:
@@ -244,5 +265,6 @@ def _checked_places(
         and ((rest & np.uint32(0xFFFFFF)) == channel << 8).all()
         and (lengths >= 0).all()
         and (lengths <= data.size - starts).all()
+        and (log_ns == times).all()
     )
     return Places(log_ns.view(np.int64), starts, lengths) if sound else None
