@@ -365,7 +365,7 @@ def find_topic(bag: Bag, source: ChannelSource) -> str:
 
 
 def listed(bag: Bag) -> str:
-    """Return the topics of a recording for a message, the first dozen, or why there are none."""
+    """Return the first dozen topics of a recording, and what is wrong with it, for a message."""
     names = sorted(bag.topics)
-    shown = ', '.join(names[:12]) or ': '.join(['no topics', *bag.problems[-1:]])
-    return f'{shown} and {len(names) - 12} more' if len(names) > 12 else shown
+    more = f' and {len(names) - 12} more' if len(names) > 12 else ''
+    return ': '.join([', '.join(names[:12]) + more or 'no topics', *bag.problems[-1:]])

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from functools import partial
 from pathlib import Path
 
+from hunt_ros.bag import Bag
 from hunt_ros.bag.interchange.exporters import export_file
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import tell
@@ -26,9 +28,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Read the columns, write the table."""
     options.check_stretch(arguments)
     channels = options.channels_of(arguments, allowed=None)
-    rows = export_file(
-        arguments.bag, arguments.out, channels, from_s=arguments.start, to_s=arguments.end
-    )
-    written = {'file': str(arguments.out), 'rows': rows}
+    with Bag(arguments.bag) as bag:
+        stretch = {'from_s': arguments.start, 'to_s': arguments.end}
+        rows = export_file(bag, arguments.out, channels, **stretch)
+        problems = [*bag.problems, *dict.fromkeys(bag.remarks)]
+        problems += [text for file in bag.files for _, text in file.remarks]
+    for problem in problems:
+        print(f'hunt export: damaged: {problem}', file=sys.stderr)
+    written = {'file': str(arguments.out), 'rows': rows, 'problems': problems}
     tell(arguments.json, lambda: written, lambda: f'{arguments.out}: {rows} rows')
     return 0

@@ -84,6 +84,13 @@ def test_a_recording_that_was_cut_is_used_and_said_to_be_damaged(
     assert ('no yaw channel in the recording' in out.read_text()) == (verb == 'replay')
 
 
+def test_what_is_wrong_with_a_recording_is_said_by_its_export_too(bag, tmp_path, capsys) -> None:
+    data = (bag / 'run_0.mcap').read_bytes()
+    (tmp_path / 'cut.mcap').write_bytes(data[: len(data) // 2])
+    assert main(['export', str(tmp_path / 'cut.mcap'), str(tmp_path / 'a.csv')]) == 0
+    assert 'damaged: cut.mcap: no usable summary' in capsys.readouterr().err
+
+
 def test_info_of_a_recording_that_is_still_open(bag: Path, tmp_path: Path, capsys) -> None:
     with BagWriter(tmp_path / 'live') as writer:
         key = writer.topic('/a', 'std_msgs/msg/String')
@@ -99,7 +106,7 @@ def test_info_of_a_recording_that_is_still_open(bag: Path, tmp_path: Path, capsy
 def test_export_of_a_stretch_and_import_again(bag: Path, tmp_path: Path, capsys) -> None:
     table = tmp_path / 'out.csv'
     assert main(['export', str(bag), str(table), '--from', '1', '--to', '2', '--json', '-']) == 0
-    assert output(capsys) == {'file': str(table), 'rows': 100}
+    assert output(capsys) == {'file': str(table), 'rows': 100, 'problems': []}
     words = ['import', str(table), str(tmp_path / 'again'), '--note', 'rig=c', '--json', '-']
     assert main(words) == 0
     document = output(capsys)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.bag.channels import Channels
 from hunt_ros.bag.columns import read_columns, read_record
-from hunt_ros.bag.reader import Bag
+from hunt_ros.bag.reader import Bag, opened
 from hunt_ros.errors import BagError
 from hunt_ros.files import write_whole
 from hunt_ros.samples import NANOSECONDS, Series
@@ -27,7 +27,7 @@ Column: TypeAlias = Any
 
 
 def export_file(
-    path: str | Path,
+    path: str | Path | Bag,
     out: str | Path,
     channels: Channels = (),
     *,
@@ -44,7 +44,7 @@ def export_file(
 
     Parameters
     ----------
-    path : str or Path
+    path : str, Path or Bag
         The recording.
     out : str or Path
         File to make: .csv or .parquet. It has its name only when complete.
@@ -71,7 +71,7 @@ def export_file(
         raise BagError(f'{out}: unknown format {target.suffix!r}, expected {", ".join(_WRITERS)}')
     if target.exists():
         raise BagError(f'{out}: exists already, expected the name of a new file')
-    with Bag(path) as bag:
+    with opened(path) as bag:
         origin, last = bag.span_ns or (0, 0)
         series: Mapping[str, Series]
         if channels:
@@ -88,7 +88,7 @@ def export_file(
     stamps, columns = aligned(series)
     if not stamps.size:
         lasts_s = (last - origin) / NANOSECONDS
-        raise BagError(f'{path}: no samples in this time, it lasts {lasts_s:.3f} s')
+        raise BagError(f'{bag.path}: no samples in this time, it lasts {lasts_s:.3f} s')
     write_whole(out, lambda file: writer(file, stamps, columns), 'table')
     return int(stamps.size)
 
