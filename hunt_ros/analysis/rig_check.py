@@ -51,8 +51,8 @@ _DIAMETER_SHARE, _DIAMETER_FAILS = 0.01, 0.05
 _TURNING_MPS = 0.2
 #: A noise of this share of the flange clearance hides the motion that matters.
 _NOISE_SHARE = 0.01
-#: Roller of the built-in rig, m.
-_ROLLER_M = 0.3
+#: Roller of the built-in rig, and the smallest one of any, m.
+_ROLLER_M, _SMALLEST_M = 0.3, 0.05
 #: Steps of an angle of more than this are a wrap, rad.
 _WRAP = math.pi
 
@@ -324,17 +324,20 @@ def check_roller(record: Record, rig: Rig) -> Iterator[Finding]:
     seldom = quick > 0.5 * _WRAP
     yield _judged('encoder', 'roller', seldom, text, advice, math.copysign(rate, net), 'rad/s')
     if speeds.size >= _FEWEST and not seldom:
-        yield _diameter(np.abs(ways), np.abs(turns), running, rig)
+        yield _diameter(np.abs(ways), np.abs(turns), running, rate, rig)
 
 
 def _diameter(
-    ways: NDArray[np.float64], turns: NDArray[np.float64], running: float, rig: Rig
+    ways: NDArray[np.float64], turns: NDArray[np.float64], running: float, rate: float, rig: Rig
 ) -> Finding:
     """Return the diameter that way and turning of each second tell, 2 v / omega."""
     if running < _TURNING_MPS:
-        text = f'{running:.2f} m/s are too slow to tell the diameter'
+        state, text = UNKNOWN, f'{running:.2f} m/s are too slow to tell the diameter'
         advice = 'let the roller turn faster, and look again'
-        return Finding('diameter', 'roller', UNKNOWN, text, advice)
+        if 0.5 * (rig.roller_diameter_m or _SMALLEST_M) * rate > _TURNING_MPS:
+            state, text = FAIL, f'{running:.2f} m/s while the encoder turns at {plain(rate)} rad/s'
+            advice = 'look at the tachometer and its cable'
+        return Finding('diameter', 'roller', state, text, advice)
     measured = 2.0 * float(np.sum(ways) / np.sum(turns))
     text = f'speed and encoder tell a roller of {measured:.4f} m'
     apart = float(np.quantile(np.abs(ways - 0.5 * measured * turns), 0.9) / np.max(ways))

@@ -95,6 +95,7 @@ FAULTS: dict[str, tuple[Change, str, str, str]] = {
     'diameter': (_other(roller=lambda v: 1.1 * v), 'diameter', 'roller', 'counts of the encoder'),
     'speed stands still': (_other(roller=lambda v: v * v / v[-1]), 'diameter', 'roller', 'tacho'),
     'standing': (_other(roller=0.0, speed=0.0), 'encoder', 'roller', 'let it turn'),
+    'dead speed': (_other(speed=0.0), 'diameter', 'roller', 'tachometer'),
     'dead encoder': (_other(roller=0.0), 'encoder', 'roller', 'its cable'),
 }
 
