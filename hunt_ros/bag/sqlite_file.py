@@ -146,25 +146,18 @@ class SqliteFile:
                         raise ValueError(f'a message is a {type(raw).__name__}, expected bytes')
                     rows.append((key, stamp, raw))
                     size += len(raw)
+                if damaged is not None and not rows:  # by its index of times others read it
+                    ((told,),) = self._base.execute('PRAGMA quick_check(1)')
+                    failure = None if told == 'ok' else ValueError(told)
             except (sqlite3.Error, TypeError, ValueError, OverflowError) as error:
                 failure = error
             count = len(rows)
             if count:
                 yield pack_messages(rows)
-        if failure is None and damaged is not None:
-            failure = self._elsewhere()
         if failure is not None:
             if damaged is None:
                 raise self._damage(failure) from failure
             damaged(self._damage(failure))
-
-    def _elsewhere(self) -> Exception | None:
-        """Return what SQLite finds wrong: other programs read by an index of the times."""
-        try:
-            (told,) = self._base.execute('PRAGMA quick_check(1)').fetchone()
-        except sqlite3.Error as error:
-            return error
-        return None if told == 'ok' else ValueError(told)
 
     def _damage(self, error: Exception) -> BagError:
         reason = ' '.join(str(error).split())
