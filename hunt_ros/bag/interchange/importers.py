@@ -333,8 +333,9 @@ def _named(table: Table, given: Mapping[str, ChannelSource]) -> dict[str, Channe
             continue  # a further column with a name like it, as speed_setpoint
         if not known:
             expected = ', '.join(f'{channel}_{unit}' for unit in units)
+            told = f' [{table.units[names[0]]}]' if table.units.get(names[0]) else ''
             raise BagError(
-                f'column {names[0]}: unknown unit of {channel}, expected {expected}, or'
+                f'column {names[0]}{told}: unknown unit of {channel}, expected {expected}, or'
                 f' --channel {channel}=...; beside any --channel it is passed over'
             )
         if len(known) > 1:
