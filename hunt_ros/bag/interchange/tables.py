@@ -218,8 +218,8 @@ def _read_csv(path: Path) -> Table:
     if not told:
         raise BagError('has no lines of numbers')
     delimiter = Counter(_delimiter(lines[i]) for i in told).most_common(1)[0][0]
-    if delimiter == '|':  # of Markdown: around each line too
-        lines = [line.strip(' |') for line in lines]
+    if delimiter == '|' and lines[told[-1]].lstrip()[:1] == '|':  # Markdown: around each line too
+        lines = [line.strip().removeprefix('|').removesuffix('|') for line in lines]
     looked = {i: _cells(lines[i], delimiter) for i in told}
     width = Counter(map(len, looked.values())).most_common(1)[0][0]
     # Cells behind separators that end every line are none.

@@ -122,7 +122,7 @@ def undamped_chance(rests: Sequence[Event]) -> float:
     Returns
     -------
     float
-        Of each rest by the law of `_UNDAMPED` (ibid., 3.0.2 of part II), of all by Fisher's
+        Of each rest by the law of `_UNDAMPED`, as a series of reflections; of all by Fisher's
         (R. A. Fisher, Statistical Methods for Research Workers (1932), 21.1).
     """
     ordered = sorted(rests, key=lambda rest: (rest.source, rest.start_ns))

@@ -121,7 +121,7 @@ def test_a_remark_is_no_line_of_units_and_a_share_no_number(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize('remark', ['3', 'a word'], ids=['all at once', 'cell by cell'])
-@pytest.mark.parametrize('mark', [',', ';', '\t'])
+@pytest.mark.parametrize('mark', [',', ';', '\t', '|'])
 def test_an_empty_cell_is_no_sample_of_its_column(tmp_path: Path, mark: str, remark: str) -> None:
     """Whole nanoseconds keep all their digits beside it, and "nan" is a sample that failed."""
     rows = [
