@@ -299,13 +299,18 @@ def test_unchunked_files_and_split_folders_are_repaired(tmp_path: Path) -> None:
     assert report.messages > 2 * sum(map(len, record.values()))
 
 
-def test_a_message_that_no_command_can_read_is_not_saved(tmp_path: Path) -> None:
+@pytest.mark.parametrize('what', ['a length', 'the head'])
+def test_a_message_that_no_command_can_read_is_not_saved(tmp_path: Path, what: str) -> None:
     """Without a CRC damage shows in the message alone; one used to cost the whole copy."""
     record = make_record(seconds=0.2)
     file = write_rosbags(tmp_path / 'run', record, plugin=StoragePlugin.MCAP)
     data = bytearray(file.read_bytes())
     at = data.rindex(b'lateral\0')
-    data[at - 4 : at] = b'\xff\xff\xff\x7f'  # the length of the joint's name
+    if what == 'a length':
+        data[at - 4 : at] = b'\xff\xff\xff\x7f'  # of the joint's name
+    else:  # that says it is CDR, in front of stamp, frame and number of names
+        assert data[at - 28 : at - 24] == b'\0\1\0\0'
+        data[at - 28] = 8
     file.write_bytes(data)
     with pytest.raises(MessageError):
         read_record(file)

@@ -138,9 +138,7 @@ def locate(
         If the message has no such element, or is no message of this type; `PathError` naming
         the fields there are, where the path leads to no number.
     """
-    if len(message) < 4 or message[0] != 0 or message[1] not in (0, 1):
-        raise ValueError('it does not begin as a CDR message does')
-    walker = _Walker(definitions, message, '<' if message[1] else '>')
+    walker = _Walker(definitions, message)
     try:
         return walker.find((Nodetype.NAME, message_type), path)
     except struct.error as error:
@@ -159,7 +157,7 @@ def extent(
 
     A publisher may have sent more, as hunt_ros 0.2 did.
     """
-    walker = _Walker(definitions, message, '<' if message[1] else '>')
+    walker = _Walker(definitions, message)
     walker.skip((Nodetype.NAME, message_type))
     return walker.position, walker.lengths
 
@@ -174,16 +172,18 @@ class _Walker:
     Walks over a message, and remembers the lengths it passed.
 
     Every method raises `ValueError`, `struct.error`, `KeyError` or `RecursionError` where the
-    message does not hold what its type says; `order` is '<' or '>'.
+    message does not hold what its type says, or does not begin as CDR does.
     """
 
-    def __init__(self, definitions: Definitions, message: bytes, order: str) -> None:
+    def __init__(self, definitions: Definitions, message: bytes) -> None:
+        if len(message) < 4 or message[0] != 0 or message[1] not in (0, 1):
+            raise ValueError('it does not begin as a CDR message does')
         self.definitions = definitions
         self.message = message
-        self.order = order
+        self.order = '<' if message[1] else '>'
         self.position = 4
         self.lengths: list[tuple[int, int]] = []
-        self._u32 = struct.Struct(order + 'I')
+        self._u32 = struct.Struct(self.order + 'I')
 
     def find(self, node: Node, path: FieldPath) -> FieldPlace:
         """Return the place of the field that a path leads to."""
