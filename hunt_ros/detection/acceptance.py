@@ -74,21 +74,19 @@ def _later(new: NormalForm, current: NormalForm) -> list[str]:
     speeds = current.critical_speed * _PLACES
     before = _threshold(current, speeds)
     after = _threshold(new, speeds * _SPEED)
-    late = after > before * _AMPLITUDE
-    if not late.any():
+    late = np.flatnonzero(after > before * _AMPLITUDE)
+    if not late.size:
         return []
-    if late[-1]:
-        return [f'raises v_c from {current.critical_speed:.3f} to {new.critical_speed:.3f} m/s']
-    higher = late & np.isfinite(after)
-    if higher.any():
-        factors = after[higher] / before[higher]
-        speed, factor = speeds[higher][np.argmax(factors)], factors.max()
-        return [f'raises the unstable amplitude at {speed:.2f} m/s by a factor {factor:.2f}']
-    old, fold = current.nonlinear_critical_speed, new.nonlinear_critical_speed
-    if old is not None and fold is not None:
-        return [f'raises v_n from {old:.3f} to {fold:.3f} m/s']
-    k = int(np.flatnonzero(late)[-1])
-    return [f'has no unstable amplitude at {speeds[k]:.2f} m/s, now {1e3 * before[k]:.3g} mm']
+    k = int(late[-1])
+    words = f'alarms {_words(after[k])} at {speeds[k]:.2f} m/s, the one in force'
+    return [f'{words} {_words(before[k])}']
+
+
+def _words(amplitude: float) -> str:
+    """Say beyond which amplitude, m, a form alarms."""
+    if math.isinf(amplitude):
+        return 'never'
+    return f'beyond {1e3 * amplitude:.3g} mm' if amplitude > 0.0 else 'at any amplitude'
 
 
 def _threshold(form: NormalForm, speeds: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -53,10 +53,10 @@ def test_a_form_that_alarms_no_later_at_any_speed_is_taken_over(new, current) ->
     ('new', 'current', 'word'),
     [
         (_identified(frequency_hz=12.0), _identified(frequency_hz=2.8), '12 Hz'),
-        (_identified(**SUPERCRITICAL), _identified(**NO_FOLD), 'no unstable amplitude'),
-        (_identified(D4=1400.0), _identified(), 'factor'),
-        (_identified(critical_speed=8.4), _identified(), 'v_c'),
-        (_identified(D15=-9e7), _identified(), 'v_n'),
+        (_identified(**SUPERCRITICAL), _identified(**NO_FOLD), 'alarms never at'),
+        (_identified(D4=1400.0), _identified(), 'mm at'),
+        (_identified(critical_speed=8.4), _identified(), 'force at any amplitude'),
+        (_identified(D15=-9e7), _identified(), 'alarms never at'),
         (_identified(std_v_c=0.2), _identified(), 'widens'),
     ],
 )
