@@ -3,8 +3,8 @@ The decisions, row by row: what is quiet, what the form says, and what follows.
 
 One compiled kernel over a block of rows, with its memory in a record, so that an hour
 of rows costs a fraction of a second and the live detector runs the very same code on one
-row. Its parts are `likelihood` and `noise_floor` (what quiet is), `form` (what the form says),
-`states` and `limits` (what follows).
+row. Its parts are `likelihood` and `switching` (what the amplitude does, and the noise), `form`
+(what the form says), `states` and `limits` (what follows).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import B1, compiled, compiled_part
 from hunt_ros.detection import doubts
-from hunt_ros.detection.decision import likelihood, limits, noise_floor, states, switching
+from hunt_ros.detection.decision import likelihood, limits, states, switching
 from hunt_ros.detection.decision.form import (
     SMALLEST,
     FormNumbers,
@@ -31,11 +31,17 @@ from hunt_ros.detection.decision.rules import Rules, rows_of
 from hunt_ros.detection.output import ESTIMATE_DTYPE
 from hunt_ros.detection.regions import HELD, hold, region_of
 
+#: The noise of the quiet motion as it was seen last: mean square of its amplitude, m^2, and the
+#: rows it was learnt from; the intensity D, m^2/s, and the deviation of its logarithm; NaN before
+#: it is known.
+_FLOOR: np.dtype[np.void] = np.dtype(
+    [(name, np.float64) for name in ('square', 'learnt', 'intensity', 'spread')], align=True
+)
 #: All that is remembered from row to row: by the part that owns it, and the doubts that are held;
 #: the causes of an alarm that last, the latched alarm, and that it has been acknowledged.
 MEMORY: np.dtype[np.void] = np.dtype(
     [
-        ('floor', noise_floor.NOISE_FLOOR),
+        ('floor', _FLOOR),
         ('ratios', likelihood.LIKELIHOOD),
         ('motion', switching.SWITCHING),
         ('outlook', OUTLOOK),
@@ -58,6 +64,10 @@ _REGION_BAND_MPS, _REGION_S = 0.02, 0.2
 #: The margin is low after the first time, s, restored after it where there is room, and after the
 #: second in the hysteresis region, where the noise that made it low comes back.
 MARGIN_S, MARGIN_RESTORE_S = 0.1, 20.0
+#: Time constant of the noise floor, s: some thirty periods tell a mean square to 18 %.
+_FLOOR_S = 10.0
+#: Without a floor yet, the standard deviation of the amplitude estimate stands in, so often.
+_STD_FLOORS = 1.5
 #: The two amplitudes disagree after this time, s: the envelope needs as long to follow.
 _DISAGREE_S = 1.0
 
@@ -95,8 +105,8 @@ def kept(memory: NDArray[np.void], *, floor: bool, reference: bool) -> NDArray[n
     if reference:
         state['reference'] = old['reference']
     if floor:
-        fresh['floor']['square'] = memory['floor']['square']
-        fresh['floor']['learnt'] = memory['floor']['learnt']
+        for name in ('square', 'learnt'):
+            fresh['floor'][name] = memory['floor'][name]
     return fresh
 
 
@@ -206,21 +216,31 @@ def _learn(
     spread = math.hypot(s, 0.5 * out['step'])
     basin = not (predictable and growth_at(form, v, 0.0) > 0.0)
     switching.watch(rules, m['motion'], v, a, spread, drift, basin, line)
+    ratios, floor = m['ratios'], m['floor']
     if math.isnan(a):
-        likelihood.interrupt(m['ratios'])
+        likelihood.interrupt(ratios)
     else:
-        likelihood.watch(rules, m['ratios'], v, a, spread, drift, line)
-        noise_floor.observe(rules, m['floor'], a)
-        if word in (states.NO, states.DECAYING):
-            # By the form, what is as likely as not on its way to the cycle is no quiet motion,
-            # and what grows at this speed is hunting that begins.
-            beyond = out['escape_probability'] > states.AS_LIKELY
-            beyond |= predictable and m['outlook']['quiet'] < 1.0 - rules.probability_in
-            small = growth_at(form, v, 0.0) if predictable else math.nan
-            dying = word != states.NO
-            noise_floor.learn(rules, m['floor'], m['ratios'], a, small, not beyond, dying)
-    out['noise_floor'] = noise_floor.amplitude_of(m['floor'], m['ratios'], s)
-    out['noise_intensity'] = m['floor']['intensity']
+        likelihood.watch(rules, ratios, v, a, spread, drift, line)
+        noise = likelihood.settled(ratios) and word in (states.NO, states.DECAYING)
+        noise &= likelihood.excess(rules, ratios) <= likelihood.SOME * rules.evidence
+        noise &= switching.hunts(m['motion']) < states.AS_LIKELY
+        # By the form, what is as likely as not on its way to the cycle is no quiet motion,
+        # and what grows at this speed is hunting that begins.
+        noise &= not out['escape_probability'] > states.AS_LIKELY
+        noise &= not (predictable and m['outlook']['quiet'] < 1.0 - rules.probability_in)
+        if noise:
+            floor['learnt'] = min(floor['learnt'], likelihood.rows_near(rules, ratios)) + 1.0
+            weight = max(1.0 / floor['learnt'], rules.stride / _FLOOR_S)
+            before = 0.0 if math.isnan(floor['square']) else floor['square']
+            # What was kicked and dies out is more than noise alone makes.
+            floor['square'] = before + weight * (min(a * a, m['motion']['alone']) - before)
+            damping = -growth_at(form, v, 0.0) if predictable else math.nan
+            floor['intensity'], floor['spread'] = likelihood.intensity(rules, ratios, damping)
+    if not math.isnan(floor['square']):
+        out['noise_floor'] = math.sqrt(floor['square'])
+    elif likelihood.settled(ratios) and s > 0.0:
+        out['noise_floor'] = _STD_FLOORS * s
+    out['noise_intensity'] = floor['intensity']
 
 
 @compiled_part

@@ -25,8 +25,8 @@ from hunt_ros.detection.words.reasons import reason_counts
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.samples import CHANNELS, NANOSECONDS, as_json
 
-#: Of a rig that hunts at `REFERENCE_HZ`, s: the time constant of the noise floor, some sixty
-#: periods, which tell a mean square to 13 %. As many periods of any other rig.
+#: Of a rig that hunts at `REFERENCE_HZ`, s: twice the time constant of the noise floor, some
+#: sixty periods, which tell a mean square to 13 %. As many periods of any other rig.
 _LEAST_S = 20.0
 #: A speed is held while it stays within this band, m/s or a part of it: half a percent of v_c
 #: moves the unstable amplitude by less than it is known to.

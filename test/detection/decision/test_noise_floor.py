@@ -9,10 +9,11 @@ import pytest
 from decided import ROWS, decided, noise
 
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.decision import decisions, likelihood, noise_floor
+from hunt_ros.detection.decision import decisions
 from hunt_ros.detection.decision.form import form_numbers
 from hunt_ros.detection.decision.outlook import OutlookTable
 from hunt_ros.detection.decision.rules import rules_of
+from hunt_ros.detection.regions import State
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 
@@ -68,23 +69,19 @@ def test_what_hunts_just_when_the_noise_is_known_is_not_where_the_floor_begins()
         assert not floor.feed(np.full(100, 400e-6)) > 40e-6
 
 
-def test_what_the_form_calls_escaping_neither_begins_nor_raises_the_floor() -> None:
-    memory = decisions.fresh_memory()[0]
+def test_where_the_form_has_no_quiet_state_nothing_is_learnt() -> None:
+    memory = decisions.fresh_memory()
+    form = form_numbers(IdentifiedNormalForm(PAPER_NORMAL_FORM))
 
-    def learn(amplitude: np.ndarray, basin: bool) -> float:
-        for a in amplitude:
-            likelihood.watch(RULES, memory['ratios'], 7.0, a, 1e-6, math.nan, False)
-            noise_floor.observe(RULES, memory['floor'], a)
-            noise_floor.learn(RULES, memory['floor'], memory['ratios'], a, math.nan, basin, False)
-        return float(noise_floor.amplitude_of(memory['floor'], memory['ratios'], 1e-6))
+    def learn(amplitude: np.ndarray, quiet_share: float) -> float:
+        memory['outlook']['quiet'] = quiet_share
+        decided(amplitude, memory=memory, form=form, speed=7.0)
+        return math.sqrt(memory['floor']['square'][0])
 
-    learn(quiet(8.0, 80e-6), False)
-    assert math.isnan(memory['floor']['square'])
-    before = learn(quiet(20.0, 8e-6, 2), True)
-    assert learn(quiet(20.0, 25e-6, 3), False) <= before
-    low = learn(quiet(20.0, 2e-6, 2), False)
-    assert low < 0.7 * before
-    assert learn(quiet(20.0, 25e-6, 3), True) > 1.3 * low
+    assert math.isnan(learn(quiet(8.0, 80e-6), 0.0))
+    before = learn(quiet(20.0, 8e-6, 2), 1.0)
+    assert learn(quiet(20.0, 25e-6, 3), 0.0) == before
+    assert learn(quiet(20.0, 25e-6, 3), 1.0) > 1.3 * before
 
 
 def test_what_as_likely_as_not_reaches_the_cycle_does_not_begin_the_floor() -> None:
@@ -99,20 +96,14 @@ def test_what_as_likely_as_not_reaches_the_cycle_does_not_begin_the_floor() -> N
 
 
 def test_what_dies_out_at_another_speed_is_not_the_quiet_motion_there() -> None:
-    memory = decisions.fresh_memory()[0]
-    floor, ratios = memory['floor'], memory['ratios']
-    for a in quiet(20.0, 8e-6):
-        likelihood.watch(RULES, ratios, 7.0, a, 1e-6, math.nan, False)
-        noise_floor.observe(RULES, floor, a)
-        noise_floor.learn(RULES, floor, ratios, a, math.nan, True, False)
-    before = math.sqrt(floor['square'])
-    after = []
-    for dying in (True, False):
-        floor['square'], floor['learnt'] = before**2, 1.0  # the speed has just changed
-        for a in np.geomspace(80.0 * before, 4.0 * before, int(2.0 * ROWS)):
-            noise_floor.learn(RULES, floor, ratios, a, math.nan, True, dying)
-        after.append(math.sqrt(floor['square']))
-    assert after[0] < 1.6 * before < 4.0 * before < after[1]
+    memory = decisions.fresh_memory()
+    before = decided(quiet(20.0, 8e-6), RULES, memory=memory, speed=7.0)['noise_floor'][-1]
+    memory['state']['hunting']['word'], memory['state']['reference'] = (
+        State.DECAYING,
+        1e-3,
+    )
+    dying = np.geomspace(80.0, 4.0, int(2.0 * ROWS)) * before
+    assert decided(dying, RULES, memory=memory, speed=6.0)['noise_floor'][-1] < 1.6 * before
 
 
 def test_what_was_kicked_and_dies_out_is_no_noise() -> None:

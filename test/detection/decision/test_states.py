@@ -25,7 +25,6 @@ class Machine:
         self.memory['state']['motion' if state <= State.DISTURBED else 'hunting']['word'] = state
         self.memory['state']['reference'] = CYCLE
         self.memory['floor']['square'] = FLOOR**2
-        self.memory['floor']['learnt'] = 1e4
         self.memory['ratios']['count'] = 1000
         self.memory['ratios']['noise'] = FLOOR**2
 
