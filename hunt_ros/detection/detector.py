@@ -8,9 +8,7 @@ changed. It has no clock, no logger and no file.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, fields, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -65,27 +63,23 @@ class HuntingDetector:
         normal_form: IdentifiedNormalForm | None = None,
     ) -> None:
         self._form = normal_form
-        self._begin(config or DetectorConfig())
+        self.config = config or DetectorConfig()
+        self.reset()
 
-    def _begin(self, config: DetectorConfig, **received: Any) -> None:
-        """Make everything anew, but for the normal form."""
-        self.config = config
+    def reset(self, config: DetectorConfig | None = None) -> None:
+        """Begin anew, with these settings or those it has: only the normal form is kept."""
+        self.config = config = config or self.config
         self.history = AlarmHistory(config.period_ns)
         self._rows = RowMaker(config)
         self._rows.set_normal_form(self._form)
         self._transitions = Transitions(self._basis())
-        self._open(received)
-
-    def _open(self, received: Mapping[str, Any], kept: bool = False) -> None:
-        """Begin a run: of what came before nothing counts any more, or no sample."""
-        c = self.config
-        timeouts = {name: c.timeout_ns(name) for name in CHANNELS if name in c.channels}
-        self._door = Door(timeouts, c.period_ns)
-        self.clearances = Clearances(c)
+        timeouts = {name: config.timeout_ns(name) for name in CHANNELS if name in config.channels}
+        self._door = Door(timeouts, config.period_ns)
+        self.clearances = Clearances(config)
         self._last_row: np.void | None = None
         self._sequence = 0
         text = '' if self._form is None else self._form.to_yaml()
-        self._door.note('start', text=text, config=asdict(c), kept=kept, **received)
+        self._door.note('start', text=text, config=asdict(config))
 
     def update(self, channel: str, stamps_ns: ArrayLike, values: ArrayLike) -> Output:
         """
@@ -241,28 +235,6 @@ class HuntingDetector:
     def silent(self) -> frozenset[str]:
         """The channels that are not waited for."""
         return self._door.silent
-
-    def reset(self, config: DetectorConfig | None = None) -> None:
-        """
-        Forget every sample, the alarms and the journal; keep the normal form.
-
-        Parameters
-        ----------
-        config : DetectorConfig, optional
-            Settings from now on; without them those it has.
-        """
-        self._begin(config or self.config, **self._door.heard())
-
-    def restart(self) -> None:
-        """
-        Begin anew after a pause in which nothing was seen.
-
-        Config, normal form, noise floor, hunting, alarm and the history of alarms are kept: a
-        pause ends no hunting, and only `acknowledge` takes an alarm back.
-        """
-        self._rows.start_again()
-        self._transitions.restart(self._rows.state)
-        self._open(self._door.heard(), kept=True)
 
     @property
     def status(self) -> DetectorStatus:

@@ -117,10 +117,6 @@ class Door:
             'received': {name: channel.received for name, channel in found.items()},
         }
 
-    def heard(self) -> dict[str, Any]:
-        """Return the same of all channels of which anything came."""
-        return self.received(name for name, channel in self.channels.items() if channel.received)
-
     def push(self, name: str, stamps_ns: ArrayLike, values: ArrayLike) -> None:
         """Take samples of one channel in, see `HuntingDetector.update`."""
         if name not in self.channels:

@@ -16,7 +16,7 @@ from hunt_ros.errors import HuntError
 from hunt_ros.settings import Settings
 
 KINDS = (
-    'start',  # of the detector, reset() or, with `kept`, restart(): with `config`
+    'start',  # of the detector: with `config`
     'heard',  # the first samples of `channels` since the start
     'released',  # tick: `channels` were silent and are not waited for any more
     'offset',  # tick: `offsets` are added to the stamps of `channels` that come after it
@@ -50,8 +50,7 @@ class JournalEntry:
         Channel and the stamp of a sample: for 'heard' the first, for others the last one received
         before, as it came. None: no sample yet.
     received : mapping of str to int
-        Channel and how many samples of it had been received since the start. For 'start':
-        before it.
+        Channel and how many samples of it had been received since the start.
     offsets : mapping of str to int
         For 'offset': channel and ns.
     text : str
@@ -59,8 +58,6 @@ class JournalEntry:
         is known.
     config : mapping of str to object
         For 'start' and 'settings': every setting of the detector by name.
-    kept : bool
-        For 'start': hunting, alarm and what is quiet go on from the run before, as after a pause.
     companions : mapping of str to object
         For 'start' of a node: every setting of what runs beside the detector, see
         `CompanionConfig`; empty in earlier recordings.
@@ -75,7 +72,6 @@ class JournalEntry:
     offsets: dict[str, int] = field(default_factory=dict)
     text: str = ''
     config: dict[str, object] = field(default_factory=dict)
-    kept: bool = False
     companions: dict[str, object] = field(default_factory=dict)
 
     def beside(self, companions: Settings) -> JournalEntry:
@@ -101,8 +97,8 @@ class JournalEntry:
         """
         try:
             told = json.loads(text)
-            if told.pop('memory', None):  # 0.2.0 wrote down what was kept
-                told['kept'] = True
+            for pause in ('memory', 'kept'):  # of 0.2.0, which went on after one
+                told.pop(pause, None)
             entry = cls(**told)
         except (ValueError, TypeError, AttributeError) as error:
             raise HuntError(f'journal entry {text[:60]!r} cannot be read: {error}') from error

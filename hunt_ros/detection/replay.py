@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 
@@ -66,9 +67,12 @@ def watch(
     length_ns = max((int(x[-1]) for x in times_ns.values() if x.size), default=0)
     until_ns = _STRETCH_NS
     added: list[Output] = []
-    for number_of_run, (entries, parts) in enumerate(_runs(record, journal)):
+    for entries, parts in _runs(record, journal):
         if journal:
-            _begin(detector, entries[0], number_of_run == 0)
+            first = entries[0]
+            form = IdentifiedNormalForm.from_yaml(first.text) if first.text else None
+            detector.set_normal_form(form)
+            detector.reset(DetectorConfig.from_recorded(first.config))
         for number, entry in enumerate([*entries, None]):
             if entry is not None and entry.kind in _ABOUT_SAMPLES:
                 continue
@@ -88,17 +92,6 @@ def watch(
         added.append(detector.finish())
     yield Output.joined(added)
     progress(1.0)
-
-
-def _begin(detector: HuntingDetector, first: JournalEntry, alone: bool) -> None:
-    """Start a run as its first entry says; `alone`: there is none before it."""
-    if first.kept and not alone:
-        detector.restart()
-    else:
-        detector.set_normal_form(
-            IdentifiedNormalForm.from_yaml(first.text) if first.text else None
-        )
-        detector.reset(DetectorConfig.from_recorded(first.config))
 
 
 def _feed(
@@ -202,43 +195,33 @@ class _Part:
     series : Series
         All of the record.
     begin : int
-        Place behind the samples of the run before.
+        Place behind the last sample that is known to be of the run before.
     entries : sequence of JournalEntry
         Of the run.
-    ending : JournalEntry or None
-        Beginning of the run after it.
     """
 
     def __init__(
-        self,
-        name: str,
-        series: Series,
-        begin: int,
-        entries: Sequence[JournalEntry],
-        ending: JournalEntry | None,
+        self, name: str, series: Series, begin: int, entries: Sequence[JournalEntry]
     ) -> None:
         self.series = series
         self.missing = 0
         self.unheard = 0
-        self.done = begin
-        heard = next((e for e in entries if e.kind == 'heard' and name in e.channels), None)
-        if heard is not None:
-            place = self._place(heard.channels[name], begin, begin)
-            if place is None:
-                self.missing = 1
-            self.done = begin if place is None else place
-        self._begin = self.done
+        self.end = len(series)
+        heard = [entry.channels for entry in entries if entry.kind == 'heard']
+        stamp = next((channels[name] for channels in heard if name in channels), None)
+        place = self._place(stamp, begin, begin)
+        if heard and stamp is None:
+            self.end = begin  # what is recorded of it did not reach this run
+        elif heard and place is None:
+            self.missing = 1
+        self.done = self._begin = begin if place is None else place
         #: Number of an entry, and the place behind the last sample received before it.
         self._stops = [
             (number, self._behind(name, entry))
             for number, entry in enumerate(entries)
-            if entry.kind != 'start' and name in entry.received
+            if name in entry.received
         ]
-        self.end = len(series)
-        if heard is None and any(entry.kind == 'heard' for entry in entries):
-            self.end = begin  # what is recorded of it did not reach this run
-        elif ending is not None and name in ending.channels:
-            self.end = self._behind(name, ending)
+        self.known = max([self._begin, *(place for _, place in self._stops)])
 
     def until(self, number: int) -> int:
         """Return the place behind the last sample received before entry `number`."""
@@ -252,14 +235,12 @@ class _Part:
         stamp = entry.channels[name]
         if stamp is None:
             return self._begin
-        count = entry.received.get(name)
-        expected = self._begin if count is None else self._begin + count - 1
+        expected = self._begin + entry.received[name] - 1
         place = self._place(stamp, expected, self._begin)
         if place is None:
             return self._begin
-        if count is not None:
-            self.missing = max(self.missing, expected - place)
-            self.unheard = max(self.unheard, place - expected)
+        self.missing = max(self.missing, expected - place)
+        self.unheard = max(self.unheard, place - expected)
         return place + 1
 
     def _place(self, stamp: int | None, expected: int, begin: int) -> int | None:
@@ -272,16 +253,17 @@ class _Part:
 
 def _runs(
     record: Record, journal: Sequence[JournalEntry]
-) -> Iterator[tuple[Sequence[JournalEntry], dict[str, _Part]]]:
-    """Give the runs of a journal, in order: its entries, and the samples of each channel."""
+) -> list[tuple[Sequence[JournalEntry], dict[str, _Part]]]:
+    """Return the runs of a journal, in order: its entries, and the samples of each channel."""
     starts = [k for k, entry in enumerate(journal) if entry.kind == 'start'] or [0]
-    begin = dict.fromkeys(record, 0)
-    for start, stop in zip(starts, [*starts[1:], len(journal)], strict=True):
-        entries = journal[start:stop]
-        ending = journal[stop] if stop < len(journal) else None
-        parts = {
-            name: _Part(name, series, begin[name], entries, ending)
-            for name, series in record.items()
-        }
-        begin = {name: part.end for name, part in parts.items()}
-        yield entries, parts
+    runs: list[tuple[Sequence[JournalEntry], dict[str, _Part]]] = []
+    for start, stop in itertools.pairwise([*starts, len(journal)]):
+        before = runs[-1][1] if runs else {}
+        parts = {}
+        for name, series in record.items():
+            begin = before[name].known if before else 0
+            parts[name] = _Part(name, series, begin, journal[start:stop])
+            if before:  # where it ended is not told: with the first sample of the next one
+                before[name].end = min(before[name].end, parts[name].done)
+        runs.append((journal[start:stop], parts))
+    return runs

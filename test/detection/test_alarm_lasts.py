@@ -90,25 +90,6 @@ def test_a_slow_decay_is_seen_at_any_rate_of_the_rows(output_rate_hz: float) -> 
     assert 10.2e9 < event.stamp_ns < 12.5e9
 
 
-def test_a_pause_keeps_alarm_and_hunting_and_is_replayed() -> None:
-    rig = Moving()
-    hunts(rig)
-    rig.detector.restart()
-    assert rig.detector.status.alarm
-    assert rig.detector.status.state is State.LIMIT_CYCLE
-    decay = 630e-6 * np.exp(-0.8 * np.arange(4000) / 200.0)
-    words = rig.move(np.maximum(decay, 2e-6), start_s=100.0, speed=6.0)
-    assert 'limit_cycle' not in words, 'it has been told'
-    assert words.index('decaying') < words.index('quiet')
-    assert rig.detector.status.alarm, 'nobody has acknowledged it'
-    rig.assert_replayed()
-    rig.detector.acknowledge()
-    assert not rig.detector.status.alarm
-    hunts(again_rig := Moving())
-    again_rig.detector.reset()
-    assert not again_rig.detector.status.alarm, 'reset is as new'
-
-
 def test_settings_change_while_it_runs_and_the_change_is_replayed() -> None:
     rig = Moving(form=None)
     rig.move(np.full(2400, 630e-6))

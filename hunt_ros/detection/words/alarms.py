@@ -2,7 +2,7 @@
 What the alarm was for: the last alarms, the highest amplitude, and how long it hunted.
 
 Fed with the rows and the events of the detector, and with the acknowledgements: it knows no
-clock. It is not journalled, for it follows from what is; a restart after a pause keeps it.
+clock. It is not journalled, for it follows from what is.
 """
 
 from __future__ import annotations

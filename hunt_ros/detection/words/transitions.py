@@ -45,8 +45,7 @@ class Transitions:
     ----------
     basis : Basis
     decided : str
-        Why the hunting that is in force was said; '' where there is none, or where it was said
-        before a restart.
+        Why the hunting that is in force was said; '' where there is none.
     decided_ns, level_since_ns : int
         Rows at which the state was decided, and from which on the level is in force; 0 before any.
     test : str
@@ -56,12 +55,9 @@ class Transitions:
     def __init__(self, basis: Basis) -> None:
         self.basis = basis
         self._channels = tuple(name for name in CHANNELS if name in basis.config.channels)
-        self.restart(State.QUIET)
-
-    def restart(self, state: State) -> None:
-        """Forget all that was said, and take a state for that of the row before the first."""
+        #: The row before the next one.
         self._before = blank_rows(np.zeros(1, dtype=np.int64))
-        self._before['level'], self._before['state'] = -1, state
+        self._before['level'] = -1
         #: When what lasts began.
         self._began_ns: dict[str, int] = {}
         self.decided, self.test = '', ''

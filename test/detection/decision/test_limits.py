@@ -108,16 +108,6 @@ def test_limits_change_while_it_runs_and_are_replayed_bit_for_bit() -> None:
     rig.assert_replayed()
 
 
-def test_a_pause_does_not_take_a_limit_back() -> None:
-    rig = Rig(alarm_lateral_mm=1.0)
-    rig.hold(*[1.5e-3] * 3)
-    assert rig.detector.status.alarm
-    rig.detector.restart()
-    assert rig.detector.status.alarm
-    rig.detector.acknowledge()
-    assert rig.detector.status.alarm, 'it was above the limit when it was seen last'
-
-
 @pytest.mark.parametrize(
     ('settings', 'word'),
     [
