@@ -182,7 +182,7 @@ class Estimator:
                 track[f'{name}_amplitude'],
                 track[f'{name}_amplitude_std'],
                 track['frequency_hz'],
-                np.where(changed, np.nan_to_num(both), 0.0),
+                np.where(changed, np.fmax(both, 0.0), 0.0),
             )
             rows[f'{name}_envelope'], differs, gone = opinion.update(
                 rows_ns, stamp[own], value[own], lines, turning, said

@@ -56,6 +56,12 @@ class RowMaker:
         self.config = with_frequency(config)
         self.memory = decisions.fresh_memory()
         self._channels = tuple(name for name in CHANNELS if name in config.channels)
+        #: Of each coordinate that is measured the sensors.
+        self._sensors = {
+            coordinate: set(sensors_of(coordinate)) & set(self._channels)
+            for coordinate in COORDINATES
+            if config.measures(coordinate)
+        }
         self._estimator = Estimator(self.config)
         self._judged = JudgedChannel(config)
         #: The coordinate that is judged.
@@ -165,13 +171,10 @@ class RowMaker:
     def _trusted(self, rows: NDArray[np.void]) -> NDArray[np.bool_]:
         """Fill in which coordinates no sensor shows; return which rows have one that is shown."""
         trusted = np.zeros(rows.size, dtype=np.bool_)
-        for coordinate in COORDINATES:
-            if self.config.measures(coordinate):
-                shown = np.zeros(rows.size, dtype=np.bool_)
-                for name in set(sensors_of(coordinate)) & set(self._channels):
-                    shown |= (rows[f'{name}_wrong'] & health.BLIND) == 0
-                rows[f'{coordinate}_blind'] = ~shown
-                trusted |= shown
+        for coordinate, sensors in self._sensors.items():
+            wrong = [rows[f'{name}_wrong'] & health.BLIND for name in sensors]
+            blind = rows[f'{coordinate}_blind'] = np.min(wrong, axis=0) != 0
+            trusted |= ~blind
         return trusted
 
     def _decide(
@@ -190,8 +193,9 @@ class RowMaker:
                     stretch[f'judged{what}'] = stretch[f'yaw_amplitude{what}']
             stretch['judged'][~trusted[begin:end]] = math.nan
             stretch['outside_judged'] = stretch[f'outside_{channel}']
-            stretch['step'] = np.nan_to_num(stretch[f'{channel}_step'], posinf=0.0)
-            if not lateral and (self.config.measures('lateral') or self._numbers.known):
+            step = stretch[f'{channel}_step']
+            stretch['step'] = np.where(np.isfinite(step), step, 0.0)
+            if not lateral and ('lateral' in self._sensors or self._numbers.known):
                 stretch['doubts'] |= np.uint32(doubts.IN_YAW)
             # The form speaks of metres.
             numbers = self._numbers if lateral else form_numbers(None)
@@ -203,7 +207,7 @@ class RowMaker:
     def _outlook_stretches(self, rows: NDArray[np.void]) -> Iterator[slice]:
         """Yield stretches of one outlook, which is then in the memory of the decisions."""
         seconds = rows['stamp_ns'] // _OUTLOOK_NS
-        speeds = np.nan_to_num(rows['speed'], nan=_NO_SPEED)
+        speeds = np.where(np.isnan(rows['speed']), _NO_SPEED, rows['speed'])
         starts = np.flatnonzero(np.diff(seconds)) + 1
         for begin, end in itertools.pairwise([0, *starts.tolist(), rows.size]):
             while begin < end:

@@ -43,7 +43,8 @@ from hunt_ros.suite import Awaited
 
 #: Samples are handed over so often, s: less often costs less, and estimates are as much later.
 _HAND_OVER_S = 0.02
-_TICK_S = 0.05
+#: A multiple of it: between two hand-overs a tick would make rows of its own.
+_TICK_S = 0.06
 _STATUS_S = 0.05
 #: What has come is worked on this often, s: seldom enough to cost little.
 _ROUND_S = 0.1

@@ -67,11 +67,13 @@ def fill_branches(form: FormNumbers, rows: NDArray[np.void]) -> None:
 
     Roughness of amplitude B acts on the mean of the cubic term: A^2 -> A^2 + 2 B^2.
     """
+    if not form.known:
+        return
     eps = rows['speed'] / form.critical_speed - 1.0
     rest, cubic = form.D1 * eps + form.D7 * eps**2, form.D4 + form.D10 * eps
     radii = steady_radii(rest, cubic, np.full_like(eps, form.D15))
     unstable, stable = (2.0 * form.length_scale * radius for radius in radii)
-    lowered = unstable**2 - 2.0 * np.nan_to_num(rows['lateral_roughness']) ** 2
+    lowered = unstable**2 - 2.0 * np.fmax(rows['lateral_roughness'], 0.0) ** 2
     rows['unstable_amplitude'] = np.sqrt(np.fmax(lowered, 0.01 * unstable**2))
     rows['stable_amplitude'] = stable
 

@@ -92,8 +92,9 @@ def channel_reasons(row: np.void, among: int) -> list[str]:
     return [
         f'{channel}: {words}'
         for channel in CHANNELS
+        if (wrong := int(row[f'{channel}_wrong']) & among)
         for bit, words in health.WORDS.items()
-        if int(row[f'{channel}_wrong']) & among & bit
+        if wrong & bit
     ]
 
 
