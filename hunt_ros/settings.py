@@ -141,7 +141,7 @@ def yaml_document(text: str, source: str) -> Any:
     """
     try:
         return yaml.load(text, _Loader)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, RecursionError) as error:
         raise ConfigError(f'{source}: not YAML ({" ".join(str(error).split())})') from error
 
 

@@ -11,6 +11,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Mapping
+from concurrent import futures
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -57,6 +58,8 @@ _CONFIRM_S = 0.5
 #: At the end the roller has this longer than its ramp to reach the safe speed, s; and it is there
 #: within this, m/s. A drive that was never heard is waited for so long, s.
 _ENDING_S, _THERE_MPS, _FIRST_S = 10.0, 0.03, 5.0
+#: A profile that takes longer to read is refused while the node runs, s.
+_READ_S = 0.5
 _LEVELS = {'tripped': 'ERROR', 'disarmed': 'WARN', 'armed': 'OK'}
 
 
@@ -219,7 +222,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             if command.state == 'running':
                 raise ConfigError('profile: one is running, call speed/stop_profile first')
             if config.profile:
-                profile = Profile.read(config.profile)
+                profile = _read_in_time(config.profile)
                 self._parsed = config.profile, profile
         if profile is not None:
             profile.check(limits.speed_ceiling_mps)
@@ -441,6 +444,14 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         if level == 'OK':
             text = f'{guard.readings.speed_mps:.2f} m/s'
         return level, text, values
+
+
+def _read_in_time(words: str) -> Profile:
+    """Read a profile while the roller is guarded: a disk that hangs holds up no watch."""
+    try:
+        return futures.ThreadPoolExecutor(1).submit(Profile.read, words).result(_READ_S)
+    except futures.TimeoutError as error:
+        raise ConfigError(f'profile: not read within {_READ_S:g} s: {words[:200]}') from error
 
 
 def _done(refusal: str) -> str:

@@ -19,6 +19,7 @@ from speed_rig import UNGUARDED, Drive, Rig
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from hunt_ros.dynamics.profile import Profile
 from hunt_ros.nodes.support.qos import latched, stream
 
 HOLD = 'hold: {speed_mps: 6, duration_s: 1000, rate_mps2: 20}'
@@ -326,3 +327,27 @@ def test_parameters_set_together_are_judged_together(graph, resident, detector) 
     assert 'not below v_n' in reason
     assert rig.set(safe_speed_mps=0.0)[0]
     rig.until(safe_speed_mps='0.0')
+
+
+def test_a_profile_that_cannot_be_read_holds_up_no_watch(graph, resident, detector) -> None:
+    """A disk that hangs, as a network folder may; here a pipe into which nobody writes."""
+    drive = Drive(6.0)
+    rig = _held_at(graph, resident, detector, drive)
+    assert graph.call('speed/stop_profile').success
+    pipe = graph.folder / 'pipe.yaml'
+    os.mkfifo(pipe)
+    try:
+        assert rig.set(profile=str(pipe)) == (False, f'profile: not read within 0.5 s: {pipe}')
+    finally:
+        os.close(os.open(pipe, os.O_RDWR))  # the reader goes on
+    assert not rig.set(profile='profile: ' + 1500 * '[')[0], 'deeper than Python goes'
+    detector.level = 'ERROR'
+    rig.until(interlock_state='tripped')
+
+
+def test_a_check_that_fails_refuses_the_parameter(graph, resident, detector, monkeypatch) -> None:
+    rig = Rig(graph, resident, Drive(6.0))
+    monkeypatch.setattr(Profile, 'check', lambda profile, ceiling_mps: {}[ceiling_mps])
+    taken, reason = rig.set(profile='profile: [{ramp: {speed_mps: 4.0}}]')
+    assert not taken
+    assert reason.startswith('KeyError: ')

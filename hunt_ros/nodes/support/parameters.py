@@ -19,7 +19,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.errors import ConfigError
+from hunt_ros.errors import ConfigError, one_line
 from hunt_ros.rig import PARAMETERS as RIG
 from hunt_ros.settings import Settings, meant
 
@@ -116,8 +116,8 @@ def _take(groups: Sequence[_Group], parameters: Sequence[Parameter]) -> SetParam
         changed = [(g, new) for g, new in zip(groups, configs, strict=True) if new is not g.config]
         for check in {group.check for group, _ in changed if group.check is not None}:
             check({type(config): config for config in configs})
-    except ConfigError as error:
-        return SetParametersResult(successful=False, reason=str(error))
+    except Exception as error:  # what is raised here ends the node
+        return SetParametersResult(successful=False, reason=one_line(error))
     for group, config in changed:
         group.config = config
         group.follow(config)
