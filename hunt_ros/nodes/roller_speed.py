@@ -150,6 +150,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         #: When the end was asked for, and when the node ends at the latest, steady clock.
         self._asked_s, self._ends_s = math.inf, -math.inf
         self._left = False  # at the end, as it is: nothing trips any more
+        self._ending = False  # it was asked to end
         self._new = NewSince()
         self._written = joint_writer(['roller'], self._config.frame_id, velocity=True)
         self._speed = self.create_publisher(TwistStamped, 'speed', stream(MEASUREMENTS))
@@ -201,7 +202,8 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         path, text, written = Path(self._config.state_file), '', ''
         while True:
             last = stopping.wait(_KEPT_S)
-            text = self._guard.unsaved(running=not last) or text
+            ended = last and (self._ending or math.isinf(self._decided_s))  # or never began
+            text = self._guard.unsaved(running=not ended) or text
             if text and self._config.state_file and not (text == written and path.exists()):
                 try:
                     path.parent.mkdir(parents=True, exist_ok=True)
@@ -387,7 +389,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
 
     def wind_down(self) -> bool:
         """Take the roller to where it is safe; return True when it is there, or cannot be."""
-        guard, now_s = self._guard, time.monotonic()
+        guard, now_s, self._ending = self._guard, time.monotonic(), True
         left_alone = math.isnan(guard.target_mps) and not guard.command.forced
         unguarded = left_alone and guard.interlock.state == 'disarmed'
         self._left = unguarded or not self._config.slow_down_at_end

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 
 
@@ -27,6 +28,8 @@ def test_a_guard_that_fails_while_it_runs_has_not_refused_to_start(graph, monkey
     """Exit code 2 is that of a start: what started it would let it be."""
     (graph.folder / 'sitecustomize.py').write_text(_FAILS)
     monkeypatch.setenv('PYTHONPATH', f'{graph.folder}{os.pathsep}{os.environ["PYTHONPATH"]}')
-    graph.start('roller_speed', port=graph.port)
+    kept = graph.folder / 'state.json'
+    graph.start('roller_speed', port=graph.port, state_file=kept)
     assert graph.wait('roller_speed', 60.0) == 1
+    assert json.loads(kept.read_text())['running'], 'nobody has taken the roller down'
     assert graph.log('roller_speed').read_text().splitlines()[-1] == 'roller_speed: it failed'
