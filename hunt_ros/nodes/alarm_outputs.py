@@ -104,7 +104,7 @@ class AlarmOutputsNode(SuiteNode):
         output, changed = self._outputs[name], self._changed[name]
         again_s = _AGAIN_S
         while not stopping.is_set():
-            silent = output.horn and self._call.acknowledged
+            silent = self._left or (output.horn and self._call.acknowledged)
             failed = '' if silent else self._try(name, self._show)
             changed.wait(again_s if failed else output.repeat_s)
             changed.clear()

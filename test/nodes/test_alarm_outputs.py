@@ -140,3 +140,19 @@ def test_it_calls_where_what_started_it_has_died(graph, called) -> None:
         os.kill(node, signal.SIGINT)
     graph.spin_until(calls)
     assert calls() == ['doubt: what started the nodes has died: nobody watches the rig any more']
+
+
+def test_nothing_takes_back_the_call_where_what_started_it_has_died(
+    resident, graph, detector, called, monkeypatch
+) -> None:
+    """The speed node tells meanwhile that it ends, as it does where a person has asked for it."""
+    calls = called()
+    node = resident(alarm_outputs.AlarmOutputsNode, command=calls.program)
+    graph.spin_until(calls)
+    monkeypatch.setattr(alarm_outputs, 'abandoned', lambda: True)
+    assert node.wind_down()
+    for level in ('ERROR', 'OK'):
+        detector.level = level
+        graph.spin_until(lambda level=level: (node._call.condition.calls) == (level == 'ERROR'))
+        graph.spin(0.3)
+    assert [call.split(':')[0] for call in calls()] == ['well', 'doubt']
