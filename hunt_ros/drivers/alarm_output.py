@@ -97,9 +97,10 @@ class Call:
         # The detector may end before it, which is no news; what tripped it before is.
         expected = self._ending and said.get('interlock_code') in BLIND and not self._kept
         tripped = said.get('interlock_state') == 'tripped' and not expected
+        cause = said.get('interlock_cause', 'it has tripped') if tripped else ''
         self._shelved = {each.split()[0] for each in said.get('shelved', '').split('; ') if each}
         self._out = OUT_OF_SERVICE.get(said.get('operating_state', ''), set())
-        self._kept = said.get('alarm_kept') or (said['interlock_cause'] if tripped else '')
+        self._kept = said.get('alarm_kept') or cause
 
     def hear_event(self, event: str) -> None:
         """Silence the horn for what was acknowledged; an alarm that follows sounds again."""

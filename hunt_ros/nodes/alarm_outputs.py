@@ -74,9 +74,8 @@ class AlarmOutputsNode(SuiteNode):
 
     def _on_status(self, message: DiagnosticArray) -> None:
         """Take a status of the detector."""
-        if status := read_diagnostic(message):
-            self._call.hear(time.monotonic(), status)
-            self._look()
+        self._call.hear(time.monotonic(), read_diagnostic(message))
+        self._look()
 
     def _on_drive(self, message: DiagnosticArray) -> None:
         self._call.hear_drive(time.monotonic(), read_diagnostic(message))

@@ -54,7 +54,7 @@ class ConsoleNode(SuiteNode):
 
 def _print(topic: str, message: DiagnosticArray) -> None:
     stamp_ns = to_ns(message.header.stamp)
-    _write({'topic': topic, 'stamp_ns': stamp_ns, **read_diagnostic(message)})
+    _write({**read_diagnostic(message), 'topic': topic, 'stamp_ns': stamp_ns})
 
 
 def _print_text(topic: str, message: String) -> None:

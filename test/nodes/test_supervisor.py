@@ -20,11 +20,13 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from processes import HUNT, children
 
 from hunt_ros.cli.support.processes import NodeSpec
 from hunt_ros.cli.support.supervisor import Supervisor, _Child, _in_child
-from hunt_ros.nodes.support.qos import STATUS, latched
+from hunt_ros.nodes.support.conversions import diagnostic
+from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
 
 pytestmark = pytest.mark.slow
 
@@ -279,6 +281,22 @@ def test_what_guards_nothing_is_started_again_and_the_roller_turns_on(run, graph
     assert 'on its way to 5.9' in rig.screen, rig.screen
     # What the last nodes miss of those that have ended is no news.
     assert 'INPUT STALE' not in rig.screen.partition('where it is safe')[2], rig.screen
+
+
+def test_a_message_that_says_nothing_ends_no_run(run, graph) -> None:
+    """Other nodes of the ROS domain tell on /diagnostics what they want."""
+    rig = run()
+    rig.start()
+    strange = {'interlock_state': 'tripped', 'stamp_ns': 'now', 'topic': 'hunting/events'}
+    for topic in ('/diagnostics', 'hunting/events', 'speed/status'):
+        quality = latched() if topic == 'speed/status' else EVENTS
+        publisher = graph.node.create_publisher(DiagnosticArray, topic, quality)
+        graph.spin_until(lambda publisher=publisher: publisher.get_subscription_count() > 1)
+        publisher.publish(DiagnosticArray())
+        publisher.publish(diagnostic(0, 'camera', 'OK', '', strange, ''))
+    rig.kill('lateral_sensor')
+    assert 'alarm_outputs ended' not in rig.screen
+    assert rig.end() == 0, rig.screen
 
 
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP])

@@ -192,9 +192,7 @@ def diagnostic(
 
 def read_diagnostic(message: DiagnosticArray) -> dict[str, str]:
     """Return the first status of an array as texts: level, name, message, and its values."""
-    if not message.status:
-        return {}
-    status = message.status[0]
+    status = message.status[0] if message.status else DiagnosticStatus(level=LEVELS['STALE'])
     texts = {'level': _NAMES.get(status.level, 'STALE'), 'name': status.name}
     texts['message'] = status.message
     texts |= {pair.key: pair.value for pair in status.values}
