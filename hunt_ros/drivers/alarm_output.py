@@ -84,7 +84,8 @@ class Call:
         self._shelved: set[str] = set()
         self._out: set[str] = set()
         self._judged = False  # the detector has had sound inputs once
-        self._ending = False  # the speed node was asked to end: its silence is no doubt
+        #: The speed node was asked to end, while nothing was in doubt: its silence is none.
+        self._ending = False
 
     def hear(self, now_s: float, status: Mapping[str, str]) -> None:
         """Take a status of the detector."""
@@ -93,7 +94,8 @@ class Call:
 
     def hear_drive(self, now_s: float, said: Mapping[str, str]) -> None:
         """Take what the speed node says: of an alarm that outlived its detector, and of a trip."""
-        self._drive_s, self._ending = now_s, said.get('ending') == 'True'
+        doubted = not self._ending and self.condition is Condition.DOUBT
+        self._drive_s, self._ending = now_s, said.get('ending') == 'True' and not doubted
         # The detector may end before it, which is no news; what tripped it before is.
         expected = self._ending and said.get('interlock_code') in BLIND and not self._kept
         tripped = said.get('interlock_state') == 'tripped' and not expected

@@ -121,6 +121,16 @@ def test_somebody_is_called_by_what_is_said(level, causes, drive, condition, cau
     assert (call.condition, call.cause) == (condition, cause)
 
 
+def test_an_end_that_begins_in_doubt_takes_no_call_back() -> None:
+    """The roller turns yet, and nobody sees what the wheelset does."""
+    call = _call('STALE', 'yaw_silent')
+    call.hear_drive(100.1, {'ending': 'True'})
+    assert not call.look(100.1)
+    call.hear(100.5, {'level': 'OK', 'message': ''})
+    assert call.look(100.5), 'until it is seen again'
+    assert call.condition is WELL
+
+
 def test_who_is_silent_calls_whatever_is_shelved_but_at_an_end_that_was_asked_for() -> None:
     call = _call('ERROR', 'limit_cycle', **SHELVED)
     assert not call.look(100.9)
