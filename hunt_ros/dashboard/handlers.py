@@ -259,7 +259,7 @@ class CommandHandler(Handler):
         try:
             asked = json.loads(self.request.body)
             word, words = asked['word'], asked.get('words', '')
-        except (ValueError, KeyError, TypeError, AttributeError):
+        except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
             self.refuse(400, 'expected {"word": ..., "words": ...}')
             return
         if not (isinstance(word, str) and isinstance(words, str)):

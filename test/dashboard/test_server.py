@@ -80,6 +80,9 @@ def test_commands_and_websockets_of_other_sites_are_refused(live) -> None:
     assert ask(command, stop, Content_Type='text/plain')[0] == 415
     assert ask(command, ['emergency-stop'])[0] == 400
     assert ask(command, {'word': 7})[0] == 400
+    deep = urllib.request.Request(command, b'[' * 4000, {'Content-Type': 'application/json'})
+    with pytest.raises(urllib.error.HTTPError, match='400'):
+        urllib.request.urlopen(deep, timeout=20)
     with pytest.raises(HTTPClientError, match='403'):
         first_messages(live.url, Origin='http://evil.example')
     assert live.calls == []

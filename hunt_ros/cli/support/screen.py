@@ -129,10 +129,8 @@ def event_line(event: Mapping[str, str], origin_ns: int) -> str:
         f'{value:{form}} {unit}' if math.isfinite(value) else '-'
         for value, form, unit in ((speed, '.2f', 'm/s'), (amplitude, '.3f', 'mm'))
     ]
-    text = (
-        f'{seconds:8.1f} s  {numbers[0]:>10}  {numbers[1]:>9}  {sentence(event.get("event", ""))}'
-    )
-    reason = event.get('message', '')
+    happened, reason = sentence(event.get('event', '')), event.get('message', '')
+    text = f'{seconds:8.1f} s  {numbers[0]:>10}  {numbers[1]:>9}  {happened}'
     return f'{text} ({reason})' if reason else text
 
 
