@@ -336,11 +336,9 @@ class _Polled(Driver):
         self._step_ns, self._closed = NANOSECONDS / rate_hz, threading.Event()
 
     def open(self) -> None:
-        """Connect, and read once; raises DriverError where that fails."""
+        """Connect; raises DriverError where that fails."""
         self._closed.clear()
         self._link.open()
-        for register in self._registers:
-            self._link.poll(register)
         self._begin_ns, self._due = time.monotonic_ns(), 0
 
     def _wait(self, timeout_s: float) -> int | None:

@@ -141,19 +141,30 @@ def test_a_drive_takes_its_set_point_and_tells_speed_and_angle(modbus_server, ma
         ({'device_id': 9}, 'device 9: input register 0: '),
     ],
 )
-def test_a_bad_register_is_one_line(modbus_server, settings, words) -> None:
+def test_a_bad_register_is_one_line(modbus_server, machine, settings, words) -> None:
     sensor = _sensor(modbus_server, **settings)
+    sensor.open()
     with pytest.raises(DriverError, match=words):
-        sensor.open()
+        _read(sensor, machine)
     sensor.close()
 
 
-def test_a_device_that_is_not_there_is_one_line() -> None:
+def test_a_drive_that_cannot_be_read_takes_its_set_point(modbus_server, machine) -> None:
+    drive = _drive(modbus_server, actual_register=300)
+    drive.set_speed(4.5)
+    assert modbus_server.written == [(0, [450])]
+    with pytest.raises(DriverError, match='illegal data address'):
+        _read(drive, machine)
+    drive.close()
+
+
+def test_a_device_that_is_not_there_is_one_line(machine) -> None:
     with socket.create_server(('127.0.0.1', 0)) as silent:
         port = silent.getsockname()[1]
         sensor = Sensor(ModbusSensor(port=port, timeout_s=0.05), 'lateral', 100.0)
+        sensor.open()
         with pytest.raises(DriverError, match=rf':{port} device 1: input register 0: no answer'):
-            sensor.open()
+            _read(sensor, machine)
         sensor.close()
     missing = ModbusSensor(bus='rtu', serial_port='/dev/nowhere')
     with pytest.raises(DriverError, match='rtu /dev/nowhere device 1: cannot connect'):

@@ -30,7 +30,7 @@ class Drive:
         self.opened = self.reads = 0
         self._angle = 0.0
         self.refusal = ''
-        self.mute = self.breaks = False
+        self.mute = self.breaks = self.unreadable = False
         self.obeys = True
         self.hangs = False  # in a call, until it is released
         self.released = threading.Event()
@@ -42,7 +42,7 @@ class Drive:
     def read(self, timeout_s: float) -> DriveBlock:
         time.sleep(min(timeout_s, 0.01))
         self.reads += 1
-        if self.breaks:
+        if self.breaks or self.unreadable:
             raise DriverError('gone')
         if self.mute:
             return DriveBlock()

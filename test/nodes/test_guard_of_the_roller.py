@@ -77,6 +77,15 @@ def test_a_driver_that_fails_to_close_is_opened_again(graph, resident, detector)
     assert graph.call('speed/emergency_stop').success
 
 
+def test_a_drive_whose_readings_fail_is_taken_down_all_the_same(graph, resident, detector) -> None:
+    """Its answers come late, or are those of another device: it may obey."""
+    drive = Drive(6.0)
+    rig = _held_at(graph, resident, detector, drive)
+    drive.unreadable = True
+    rig.until(interlock_state='tripped')
+    graph.spin_until(lambda: drive.speed_mps == 4.5)
+
+
 def test_five_millimetres_on_the_sensor_trip_it_though_no_detector_speaks(graph, resident) -> None:
     drive = Drive(6.0)
     lateral = graph.node.create_publisher(JointState, 'lateral', 1000)

@@ -147,6 +147,7 @@ class DriverNode(SuiteNode, ABC, Generic[_D]):
 
     def _read_on(self, driver: _D, stopping: threading.Event) -> None:
         """Read until asked to stop; raises what the driver raises."""
+        self._attend(driver)  # one that cannot be read may obey
         if not self._settled:
             self._settle(driver, stopping)
             self._settled = True
