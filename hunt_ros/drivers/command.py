@@ -53,8 +53,8 @@ class RollerCommand:
     limits : DriveLimits
         Acceleration, jerk, ceiling; may be replaced at any time.
     longest_step_s : float
-        More than this never passes between two calls; a longer gap, as of a process
-        that was stopped, counts as this, s.
+        More than this never passes between two calls, but on the way down of a forced set
+        point; a longer gap, as of a process that was stopped, counts as this, s.
 
     Attributes
     ----------
@@ -212,7 +212,6 @@ class RollerCommand:
             m/s; None where the drive is left alone, and where the roller's speed is not
             known: a first set point without it could be a jump.
         """
-        passed_s = min(max(passed_s, 0.0), self._longest_s)
         before = measured_mps if math.isnan(self._last) else self._last
         if self.forced:  # on its way down it never rises
             self._pending_rate = 0.0
@@ -220,10 +219,11 @@ class RollerCommand:
                 self.forced_mps = min(self.forced_mps, before)
             if self.stopped or math.isnan(before):
                 return self.forced_mps if self.stopped else None
-            fallen = self.limits.safe_deceleration_mps2 * passed_s
+            fallen = self.limits.safe_deceleration_mps2 * max(passed_s, 0.0)
             return max(self.forced_mps, min(before, self._begin_mps) - fallen)
         if math.isnan(before):
             return None
+        passed_s = min(max(passed_s, 0.0), self._longest_s)
         if self.held_mps < math.inf:
             wanted = self.held_mps
         elif self._state == 'running' and self.profile is not None:

@@ -449,10 +449,9 @@ class Drive(_Polled, DriveDriver):
             return
         try:
             held = self._link.read(self._target)
-        except _BusyError:
-            return
-        except RefusedError:  # a register that can only be written
-            self._written = deque(maxlen=0)
+        except DriverError as error:  # nothing of it holds the new one up
+            if isinstance(error, RefusedError) and not isinstance(error, _BusyError):
+                self._written = deque(maxlen=0)  # a register that can only be written
             return
         self._contrary = 0 if held in self._written else self._contrary + 1
         number = self._target.decode(held) * self.settings.speed_scale_mps

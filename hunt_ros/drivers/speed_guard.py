@@ -241,6 +241,8 @@ class SpeedGuard:
         except Exception as error:  # whatever a library of the hardware raises
             self.refused += 1
             self.refusal = one_line(error)
+            if self.command.forced:  # it may have arrived: the way down goes on from there
+                self.taken = speed_mps, decided_ns
         else:
             self.refusal, self.taken = '', (speed_mps, decided_ns)
         self.answered = number

@@ -49,6 +49,21 @@ def test_the_newest_counts_and_what_is_refused_is_not_what_the_drive_has() -> No
     assert guard.taken == (4.0, 2), 'what the drive has'
 
 
+def test_the_way_down_goes_on_though_no_set_point_is_answered() -> None:
+    """It may arrive all the same; once a second, as where each time a line is opened for it."""
+    guard, drive = _guard(), _Slow()
+    second = 10**9
+    guard.post(6.0, second)
+    guard.hand_over(drive)
+    guard.end()
+    drive.refuses = True
+    for now_ns in range(2 * second, 9 * second, second):
+        guard.decide(now_ns, now_ns, there=True)
+        guard.hand_over(drive)
+    assert guard.target_mps == 0.0
+    assert guard.refused == 7
+
+
 @pytest.mark.parametrize(('mode', 'state'), [('off', 'armed'), ('protect', 'disarmed')])
 def test_who_was_disarmed_by_a_person_stays_so_and_not_by_a_parameter_of_before(
     tmp_path, mode, state

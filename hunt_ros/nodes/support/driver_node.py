@@ -119,7 +119,6 @@ class DriverNode(SuiteNode, ABC, Generic[_D]):
         """Open the driver, read from it, and open it again whenever that fails."""
         wait_s = _REOPEN_S
         while not stopping.is_set():
-            opened_s = self._heard_s
             driver = self._make_driver()
             try:
                 driver.open()
@@ -134,10 +133,10 @@ class DriverNode(SuiteNode, ABC, Generic[_D]):
                     self._found |= not absent
                     self._complain(one_line(error))
             finally:
-                if self._driver is driver:
-                    self._driver = None
+                opened, self._driver = self._driver is driver, None
                 self._let_go_of(driver)
-            wait_s = _REOPEN_S if self._heard_s > opened_s else min(2.0 * wait_s, _REOPEN_MOST_S)
+            # What is there is not waited for: each time it may take a set point.
+            wait_s = _REOPEN_S if opened else min(2.0 * wait_s, _REOPEN_MOST_S)
             stopping.wait(wait_s)
 
     def _complain(self, trouble: str) -> None:
