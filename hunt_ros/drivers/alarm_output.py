@@ -127,8 +127,9 @@ class Call:
         status = self._status
         words = f'{status["level"]}: {status["message"]}' if status else 'no status heard yet'
         causes = {*status.get('causes', '').split()}
-        # Of a speed node that is gone nobody knows what is shelved.
-        known = now_s - self._drive_s < self._silence_s
+        # Of a speed node that is gone nobody knows what is shelved, unless it was asked to end.
+        ending = self._ending and now_s - self._drive_s < START_S
+        known = ending or now_s - self._drive_s < self._silence_s
         shelved = known and bool(causes) and causes <= self._shelved | self._out
         if self._kept:
             return Condition.ALARM, self._kept
@@ -139,7 +140,7 @@ class Call:
             return Condition.WAITING, words
         if not status:
             return Condition.DOUBT, f'no status since the start, for more than {START_S:g} s'
-        if self._ending and now_s - self._drive_s < START_S:
+        if ending:
             return Condition.WELL, f'the run is being ended: {words}'
         if not self.heard(now_s):
             return Condition.DOUBT, f'no status for {self._silence_s:g} s'

@@ -121,6 +121,13 @@ def test_somebody_is_called_by_what_is_said(level, causes, drive, condition, cau
     assert (call.condition, call.cause) == (condition, cause)
 
 
+def test_what_is_out_of_service_calls_nobody_when_the_run_is_ended() -> None:
+    call = _call('STALE', 'yaw_silent', operating_state='parked')
+    call.hear(100.0, {'level': 'STALE', 'message': '', 'alarm': 'True', 'causes': 'yaw_silent'})
+    call.hear_drive(100.1, {'operating_state': 'parked', 'ending': 'True'})
+    assert not call.look(102.0), 'though the speed node has ended'
+
+
 def test_an_end_that_begins_in_doubt_takes_no_call_back() -> None:
     """The roller turns yet, and nobody sees what the wheelset does."""
     call = _call('STALE', 'yaw_silent')
