@@ -216,6 +216,22 @@ def test_a_process_whose_parent_died_before_it_could_be_told_is_interrupted() ->
         assert done.stdout.strip() == interrupted
 
 
+class _Listener(NodeSpec):
+    def command(self, namespace: str) -> list[str]:
+        listens = 'import signal as s, time; s.pthread_sigmask(s.SIG_UNBLOCK, [s.SIGINT])'
+        return [sys.executable, '-c', f'{listens}; print(flush=True); time.sleep(1000)']
+
+
+def test_what_is_stopped_goes_on_to_its_own_end(tmp_path: Path) -> None:
+    """A recorder closes its recording; it was waited for, and killed after 64 s."""
+    started: list[subprocess.Popen[str]] = []
+    with Supervisor('rig', tmp_path / 'logs', private=False) as supervisor:
+        supervisor.start(_Listener('bag_recorder', piped=True), started.append)
+        started[0].stdout.readline()
+        os.kill(started[0].pid, signal.SIGSTOP)
+    assert started[0].returncode == -signal.SIGINT
+
+
 class _Swallows:
     def __del__(self) -> None:
         os.kill(os.getpid(), signal.SIGINT)

@@ -425,7 +425,9 @@ class Supervisor:
 
 
 def _end(children: Sequence[_Child]) -> None:
-    """Escalate the stop signals until every process has ended."""
+    """Escalate the stop signals until every process has ended; one that is stopped goes on."""
+    for child in children:
+        child.pass_on(signal.SIGCONT)
     for number, grace_s in _GRACE_S.items():
         waiting = [child for child in children if child.runs]
         for child in waiting:
