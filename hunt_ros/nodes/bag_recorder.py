@@ -283,6 +283,8 @@ class BagRecorderNode(SuiteNode):
                 with suppress(BagError):
                     self._finish()  # it has ended: nothing is waited for
                 self._fail(BagError(problem))  # as when the disk is full
+                self._diagnostics.publish()
+                self._again_s = self._began_s + _AGAIN_S  # what had lasted goes on at once
             if self._recording is None and self._wanted and time.monotonic() >= self._again_s:
                 with suppress(BagError):  # it is said
                     self._begin()

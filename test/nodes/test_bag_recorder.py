@@ -306,11 +306,15 @@ def test_a_recorder_without_room_stays_says_so_and_records_when_there_is(
         assert not bag.problems
 
 
-def test_a_folder_that_is_moved_away_is_said_and_another_recording_follows(graph) -> None:
+def test_a_folder_that_is_moved_away_is_said_and_another_recording_follows(
+    graph, resident, monkeypatch
+) -> None:
+    monkeypatch.setattr(bag_recorder, '_AGAIN_S', 1000.0)
     folder = graph.folder / 'recordings'
     health = graph.told()
-    graph.start('bag_recorder', directory=str(folder))
+    node = resident(bag_recorder.BagRecorderNode, directory=folder)
     graph.spin_until(lambda: list(folder.glob('*.active')))
+    node._began_s -= 1000.0  # so long it has lasted
     folder.rename(graph.folder / 'tidied')
     graph.spin_until(lambda: health.says('No such file', level='ERROR'))
     graph.spin_until(lambda: list(folder.glob('*.active')))
