@@ -375,9 +375,7 @@ def test_somebody_is_called_when_the_alarm_outputs_are_gone(run, graph, called) 
     before = rig.child('alarm_outputs')
     os.kill(before, signal.SIGKILL)
     # It cannot say so of itself, and is not back yet.
-    graph.spin_until(
-        lambda: any('doubt: alarm_outputs ended with exit code -9' in call for call in calls())
-    )
+    graph.spin_until(lambda: 'doubt: alarm_outputs ended with exit code -9' in calls())
     graph.spin_until(lambda: calls()[-1].startswith('well: '), 60.0)
     assert rig.child('alarm_outputs') != before
     assert rig.end() == 0

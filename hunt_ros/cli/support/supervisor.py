@@ -285,7 +285,9 @@ class Supervisor:
             lasted = child.process is not None and child.age_s > START_S
             if code is not None:
                 child.process = None
-                line = f'{name} ended with exit code {code}: {self._last_line(name)}'
+                # Of one that was killed the last line says nothing of its end.
+                why = f': {self._last_line(name)}' if code >= 0 else ''
+                line = f'{name} ended with exit code {code}{why}'
                 refused = code in _REFUSED and not child.failures
                 if refused or not self._keep:
                     if name not in OPTIONAL:
