@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.detection import doubts, health
-from hunt_ros.detection.configuration import DetectorConfig
+from hunt_ros.detection.configuration import DetectorConfig, with_frequency
 from hunt_ros.detection.decision import states
+from hunt_ros.detection.decision.decisions import MARGIN_RESTORE_S
 from hunt_ros.detection.decision.limits import LIMITS, limit_cause
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.samples import CHANNELS, Uncertain
 
 _HUNTING = {State.ESCAPING: 'escaping from the quiet state', State.LIMIT_CYCLE: 'limit cycle'}
@@ -190,14 +192,18 @@ def margin_cause(row: np.void, basis: Basis) -> str:
     if not math.isfinite(margin):
         if int(row['region']) == Region.UNSTABLE:
             return 'quiet motion is unstable at this speed'
-        gone = 'quiet motion of any amplitude is stable at this speed'
-        return f'{gone}, but it is not quiet yet' if low else gone
+        gone = 'motion of any amplitude dies out at this speed'
+        hunts = int(row['state']) >= State.ESCAPING
+        return f'{gone}, but it is not quiet yet' if low and hunts else gone
     least, most = float(row['margin_low']), float(row['margin_high'])
     interval = f'{least:.3g} to {most:.3g}' if math.isfinite(most) else f'at least {least:.3g}'
-    return (
-        f'unstable amplitude over amplitude is {margin:.3g} ({interval}),'
-        f' limit {basis.config.margin_in:g}; {_unstable(row)}, {_size(row)}'
-    )
+    found = f'unstable amplitude over amplitude is {margin:.3g} ({interval})'
+    limit = f'limit {basis.config.margin_in:g}'
+    if low and margin >= basis.config.margin_in:
+        tuned_hz = with_frequency(basis.config).hunting_frequency_hz
+        restored_s = MARGIN_RESTORE_S * REFERENCE_HZ / tuned_hz
+        limit += f' to be kept for {restored_s:.3g} s after it was lower'
+    return f'{found}, {limit}; {_unstable(row)}, {_size(row)}'
 
 
 def outside_words(row: np.void, _: Basis | None = None) -> str:

@@ -1,0 +1,43 @@
+"""A reason is true of the numbers that stand beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hunt_ros.detection import DetectorConfig, HuntingDetector, doubts
+from hunt_ros.detection.output import blank_rows, joined_rows
+from hunt_ros.detection.regions import Region, State
+from hunt_ros.detection.replay import watch
+from hunt_ros.detection.words.reasons import Basis, margin_cause, reasons_of
+from hunt_ros.dynamics.profile import Corners, Profile
+
+BASIS = Basis(DetectorConfig(), 6.4, 8.0)
+
+
+def low_margin(margin: float, state: State, region: Region) -> np.void:
+    row = blank_rows(np.zeros(1, dtype=np.int64))[0]
+    row['doubts'], row['state'], row['region'] = doubts.MARGIN, state, region
+    row['margin'] = row['margin_low'] = margin
+    return row
+
+
+def test_a_margin_above_its_limit_is_called_low_only_with_the_time_that_it_has_to_last() -> None:
+    above = margin_cause(low_margin(119.0, State.QUIET, Region.HYSTERESIS), BASIS)
+    assert 'is 119' in above
+    assert 'limit 2 to be kept for 20 s after it was lower' in above
+    below = margin_cause(low_margin(1.9, State.QUIET, Region.HYSTERESIS), BASIS)
+    assert 'limit 2;' in below
+    slow = Basis(DetectorConfig(hunting_frequency_hz=1.42), 6.4, 8.0)
+    assert 'kept for 40 s' in margin_cause(low_margin(119.0, State.QUIET, Region.HYSTERESIS), slow)
+
+
+def test_no_row_that_is_quiet_says_that_it_is_not_quiet_yet(recorded, true_form) -> None:
+    profile = Profile((Corners((0.0, 12.0, 27.0, 45.0), (7.2, 7.2, 5.7, 5.7)),))
+    record = recorded(profile, 45.0, kicks=[(5.0, 0.6e-3)])
+    outputs = watch(record, HuntingDetector(DetectorConfig(), true_form))
+    rows = joined_rows([one.estimates for one in outputs])
+    basis = Basis(DetectorConfig(), 6.4, 8.0, true_form)
+    low = rows[(rows['doubts'] & doubts.MARGIN != 0) & np.isnan(rows['margin'])]
+    told = {(int(row['state']), ' '.join(reasons_of(row, basis))) for row in low}
+    assert {state for state, _ in told} >= {State.LIMIT_CYCLE, State.DECAYING, State.QUIET}
+    assert not any('not quiet yet' in words for state, words in told if state == State.QUIET)
