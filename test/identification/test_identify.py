@@ -118,6 +118,8 @@ def test_a_fit_that_has_not_converged_says_so_and_gives_no_number(records, monke
     assert all(value is None for value in document['coefficients'].values())
     assert result.normal_form is None
     assert 'not converged' in reason_in(result.unknown, 'v_c')
+    assert document['fit']['lack_of_fit_p'] is None
+    assert not any('intervals are' in line for line in result.warnings), 'there are none'
     record = records['sweep'][0]
     louder = Record(dict(changed(record, lateral=lambda y: 1.4 * y)), 'louder')
     assert not any('contradict' in line for line in identify([record, louder]).warnings)

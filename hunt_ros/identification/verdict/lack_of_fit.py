@@ -96,6 +96,8 @@ def lack_of_fit(fitted: FittedLaw, names: Sequence[str] = ()) -> LackOfFit:
     fitted: Neyman, J. (1959), Optimal asymptotic tests, in: Probability and Statistics, 213-234.
     """
     fit = fitted.fit
+    if not fit.converged:
+        return LackOfFit()  # what is left to gain is no misfit of the law
     n, path = fit.theta.size, fit.problem.path
     cells = _cells(path)
     with np.errstate(all='ignore'):  # of a law that runs away
