@@ -194,7 +194,11 @@ def margin_cause(row: np.void, basis: Basis) -> str:
             return 'quiet motion is unstable at this speed'
         gone = 'motion of any amplitude dies out at this speed'
         hunts = int(row['state']) >= State.ESCAPING
-        return f'{gone}, but it is not quiet yet' if low and hunts else gone
+        if not low:
+            return gone
+        return (
+            f'{gone}, but it is not quiet yet' if hunts else f'{gone}, and it is only just quiet'
+        )
     least, most = float(row['margin_low']), float(row['margin_high'])
     interval = f'{least:.3g} to {most:.3g}' if math.isfinite(most) else f'at least {least:.3g}'
     found = f'unstable amplitude over amplitude is {margin:.3g} ({interval})'
@@ -203,7 +207,10 @@ def margin_cause(row: np.void, basis: Basis) -> str:
         tuned_hz = with_frequency(basis.config).hunting_frequency_hz
         restored_s = MARGIN_RESTORE_S * REFERENCE_HZ / tuned_hz
         limit += f' to be kept for {restored_s:.3g} s after it was lower'
-    return f'{found}, {limit}; {_unstable(row)}, {_size(row)}'
+    edge = _unstable(row)
+    if math.isnan(row['unstable_amplitude']):
+        edge = 'unstable amplitude by those of the laws that have one at this speed'
+    return f'{found}, {limit}; {edge}, {_size(row)}'
 
 
 def outside_words(row: np.void, _: Basis | None = None) -> str:

@@ -31,6 +31,12 @@ def test_a_margin_above_its_limit_is_called_low_only_with_the_time_that_it_has_t
     assert 'kept for 40 s' in margin_cause(low_margin(119.0, State.QUIET, Region.HYSTERESIS), slow)
 
 
+def test_below_the_fold_the_margin_names_the_laws_that_it_is_of() -> None:
+    told = margin_cause(low_margin(1.36, State.LIMIT_CYCLE, Region.STABLE), BASIS)
+    assert 'unknown' not in told.split('unstable amplitude')[-1].split(',')[0]
+    assert 'those of the laws that have one at this speed' in told
+
+
 def test_no_row_that_is_quiet_says_that_it_is_not_quiet_yet(recorded, true_form) -> None:
     profile = Profile((Corners((0.0, 12.0, 27.0, 45.0), (7.2, 7.2, 5.7, 5.7)),))
     record = recorded(profile, 45.0, kicks=[(5.0, 0.6e-3)])
