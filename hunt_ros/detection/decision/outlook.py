@@ -36,7 +36,7 @@ _F = NDArray[np.float64]
 _PATHS, _DRAWS = 64, 200
 #: Quantiles of the deciding amplitude that are kept.
 QUANTILES = 64
-#: Amplitudes at which the committor is computed, from this part of the limit cycle on.
+#: Amplitudes at which the committor is computed, from this part of the limit cycle on at least.
 _AMPLITUDES, _LEAST = 384, 1e-3
 #: A change of the speed that asks for another outlook, relative to v_c, or one of the roughness
 #: that does as much; and the width of the cells in which one is taken as constant: of the speed,
@@ -183,8 +183,9 @@ class OutlookTable:
             for name in ('decides', 'latest', 'earliest'):
                 found[name] = math.inf
             return found
-        top = float(np.nanmax(high))
-        grid = np.geomspace(_LEAST * top, top, _AMPLITUDES)
+        # Where some draws have no end of growth, what is quiet may be far below the cycle of others.
+        top, least = float(np.nanmax(high)), float(low[np.isfinite(high)].min())
+        grid = np.geomspace(min(_LEAST * top, 0.5 * least), top, _AMPLITUDES)
         risen, rate = _committors(first, second, third, noise, low, high, grid)
         # Of draws that differ: the mean of their rates would be that of the worst one.
         found['next_minute'] = -np.expm1(-_OUTLOOK_S * rate).mean()

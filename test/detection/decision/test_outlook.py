@@ -156,6 +156,18 @@ def test_where_growth_has_no_end_the_edge_decides_below_v_c_and_the_noise_above(
     assert chance(above, 3e-5) == 1.0
 
 
+@pytest.mark.parametrize('quiet', [1e-9, 1e-7, 1e-5])
+def test_what_is_quiet_may_be_far_below_the_limit_cycle(quiet: float) -> None:
+    own = EXACT.vector
+    endless = own * (1.0, 1.0, 1.0, 1.0, 0.0, 0.0)
+    sample = np.array([own, endless] * 32)
+    mixed = IdentifiedNormalForm(FORM, np.diag([1e-9] * 6), sample=sample)
+    outlook = OutlookTable(mixed).at(8.4, 1e-14, 0.0, quiet, 0.0)
+    assert 0.0 <= chance(outlook, 0.5 * quiet) <= 0.01, 'quiet is no escape'
+    assert chance(outlook, 100.0 * quiet) > 0.9
+    assert 0.0 < outlook['next_minute'][0] <= 1.0
+
+
 def test_the_interval_is_that_of_the_form_and_the_noise() -> None:
     speed, unstable = 7.2, float(FORM.unstable_amplitude(7.2))
     drawn = [form.unstable_amplitude(speed) for form in UNSURE.draws(2000)]
