@@ -25,7 +25,9 @@ Array = NDArray[np.float64]
 _LEFT_OPEN = 0.01
 
 
-def normal_form_of(law: GrowthLaw, low: float, high: float) -> NormalForm | None:
+def normal_form_of(
+    law: GrowthLaw, low: float, high: float, fold: float = math.nan
+) -> NormalForm | None:
     """
     Normal form of a law: exact for the paper's form, else the nearest on its branches.
 
@@ -35,6 +37,9 @@ def normal_form_of(law: GrowthLaw, low: float, high: float) -> NormalForm | None
         With or without further terms.
     low, high : float
         Range of speeds over which it shall hold, m/s.
+    fold : float
+        Where the branches that begin at v_c end, m/s: further terms may have limit cycles at
+        lower speeds, far from all that was measured, which no normal form has. NaN: nowhere.
 
     Returns
     -------
@@ -42,17 +47,18 @@ def normal_form_of(law: GrowthLaw, low: float, high: float) -> NormalForm | None
         In the amplitude coordinate; None without a critical speed. D7, D10 and D15
         are effective coefficients over this range.
     """
-    p = law.p[:PAPER_TERMS] if law.name == QUINTIC else _nearest_quintic(law, low, high)
+    p = law.p[:PAPER_TERMS] if law.name == QUINTIC else _nearest_quintic(law, low, high, fold)
     return None if p is None else to_normal_form(p, law.scales)
 
 
-def _nearest_quintic(law: GrowthLaw, low: float, high: float) -> Array | None:
+def _nearest_quintic(law: GrowthLaw, low: float, high: float, fold: float) -> Array | None:
     """Paper's form with the same v_c and D1, nearest in ln A on both branches."""
     p = law.p
     v_c = law.critical_speed
     if v_c is None:
         return None
     speeds = np.linspace(low, high, 61)
+    speeds = speeds[~(speeds < fold)]
     u = law.detuning(speeds)
     u_c = float(law.detuning(v_c))
     rise = float(law.linear_slope(u_c))

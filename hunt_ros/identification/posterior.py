@@ -116,9 +116,14 @@ class Posterior:
         """Normal form of each draw; None where it has no critical speed within reach."""
         near = np.isfinite(self._within(self.laws.critical_speeds))
         return [
-            normal_form_of(one, *self.speeds) if there else None
-            for one, there in zip(self.drawn, near.tolist(), strict=True)
+            normal_form_of(one, *self.speeds, fold) if there else None
+            for one, there, fold in zip(self.drawn, near.tolist(), self.folds[0], strict=True)
         ]
+
+    @cached_property
+    def folds(self) -> Array:
+        """Where the branches of each draw end, m/s, and their amplitude there, m, shape (2, n)."""
+        return self.laws.folds(*self.reach)
 
     def _within(self, speeds: Array) -> Array:
         """Speeds, NaN for those beyond reach."""
@@ -136,7 +141,7 @@ class Posterior:
         ]
         coefficients = np.array(rows).reshape(-1, len(COEFFICIENTS))
         v_c = self.laws.critical_speeds
-        v_n, amplitude = self.laws.folds(*self.reach)
+        v_n, amplitude = self.folds
         near = self._within(v_n)
         amplitude = np.where(np.isfinite(near), amplitude, math.nan)
         return np.column_stack([self._within(v_c), near, amplitude, coefficients])
@@ -144,8 +149,13 @@ class Posterior:
     @cached_property
     def chosen(self) -> Array:
         """`QUANTITIES` of the law chosen, shape (8,)."""
-        row: Array = replace(self, p=self.law.p[None]).table[0]
+        row: Array = self._own.table[0]
         return row
+
+    @cached_property
+    def _own(self) -> Posterior:
+        """The law chosen as the only draw."""
+        return replace(self, p=self.law.p[None])
 
     def number(self, name: str, extra_std: float = 0.0) -> Uncertain | None:
         """Return one of `QUANTITIES` with its interval; None where too few draws have it."""
@@ -206,7 +216,9 @@ class Posterior:
             m; None where the law chosen, or too many draws, have none.
         """
         speeds = np.atleast_1d(np.asarray(speeds, dtype=np.float64))
-        values = self.law.steady_amplitudes(speeds)
+        # What a law has below its fold hangs together with nothing that was seen.
+        below = speeds < self.chosen[1]
+        values = [np.where(below, math.nan, one) for one in self.law.steady_amplitudes(speeds)]
         drawn = self.continued(speeds)
         unstable, stable = (
             [summary(float(values[k][i]), drawn[:, k, i], least=0.3) for i in range(speeds.size)]
@@ -223,9 +235,7 @@ class Posterior:
             unstable = np.where(np.isnan(unstable) & (speeds >= v_c), 0.0, unstable)
             stable = np.where(soft, 0.0, stable)
             below = speeds <= fold
-        unstable = np.where(below & np.isnan(unstable), end, unstable)
-        stable = np.where(below & np.isnan(stable), end, stable)
-        return np.stack([unstable, stable], axis=1)
+        return np.stack([np.where(below, end, branch) for branch in (unstable, stable)], axis=1)
 
     def numbers(self, speed_std: float) -> dict[str, Uncertain | None]:
         """
@@ -255,7 +265,7 @@ class Posterior:
 
     def identified(self, speed_std: float) -> IdentifiedNormalForm | None:
         """Return the normal form of the law chosen, with its covariance; None without one."""
-        form = normal_form_of(self.law, *self.speeds)
+        form = self._own.forms[0]
         if form is None:
             return None
         rows = np.array([IdentifiedNormalForm(one).vector for one in self.forms if one])

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import IdentificationError
 from hunt_ros.identification import Identification
-from hunt_ros.identification.posterior import QUANTITIES
+from hunt_ros.identification.posterior import QUANTITIES, Posterior
 
 SPEEDS = [6.0, 6.8, 7.2, 7.6, 8.4]
 
@@ -102,3 +103,18 @@ def test_it_shows_itself_in_a_notebook_and_as_a_figure(result):
     assert 'not known: no &lt;fold&gt;' in unknown._repr_html_()
     assert 'v_n not known' in repr(unknown)
     assert unknown.plot().axes
+
+
+def test_limit_cycles_that_a_law_has_far_below_its_fold_belong_to_nothing():
+    """Stop and go: hunting was seen at 19.9 m/s and while it died; the law has cycles at 7.4."""
+    scales = GrowthScales(14.02, 2.726e-3, 0.0485, 0.0386, 5.0)
+    p = [-2.505, 5.408, 3.909, 8.507, -0.4906, -9.041, -9.693, 6.6e-3, 0.6519, 1.0]
+    law, speeds = GrowthLaw(np.array(p), scales), (1.44, 19.9)
+    assert np.isfinite(law.steady_amplitudes(7.44)[1]).all()
+    posterior = Posterior(law, np.tile(law.p, (20, 1)), np.full(20, np.nan), speeds)
+    v_n = posterior.number('v_n').value
+    assert v_n == pytest.approx(15.86, abs=0.05)
+    for form in (posterior.identified(0.0).form, *posterior.forms):
+        assert form.saddle_node()[0] == pytest.approx(v_n, rel=2e-3)
+    for point in posterior.branch_points():
+        assert (point.stable is not None) == (point.speed >= v_n)

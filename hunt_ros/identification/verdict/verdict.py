@@ -379,7 +379,8 @@ def _unsupported(
             f' {seen_from:.4g} m/s on, and not to end'
         )
     shaped = law.criticality != 'supercritical' and not failed.keys() & set(_CUBIC)
-    largest = np.nanmax(law.steady_amplitudes(np.linspace(low, high, 41))[1], initial=0.0)
+    ends = float(np.fmax(low, posterior.chosen[1]))
+    largest = np.nanmax(law.steady_amplitudes(np.linspace(ends, high, 41))[1], initial=0.0)
     if shaped and largest > _BEYOND * top:
         warnings.append(
             f'the limit cycle (to {largest:.2g} m) is a forecast: no amplitude above {top:.2g} m'
