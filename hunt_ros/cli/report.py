@@ -78,9 +78,8 @@ def run(arguments: argparse.Namespace) -> int:
             written = save_figures(figures, arguments.figures)
         advance(0.9)
         write_whole(arguments.out, report.html(drawings), 'report')
-    tell(
-        arguments.json,
-        lambda: report.document,
-        lambda: '\n'.join(map(str, (arguments.out, *written))),
-    )
+    lines = [str(path) for path in (arguments.out, *written)]
+    if identification.normal_form is None:
+        lines.append(f'no normal form: {identification.unknown["correlations"]}')
+    tell(arguments.json, lambda: report.document, lambda: '\n'.join(lines))
     return 0 if identification.normal_form is not None else 1

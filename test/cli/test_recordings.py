@@ -91,6 +91,17 @@ def test_what_is_wrong_with_a_recording_is_said_by_its_export_too(bag, tmp_path,
     assert 'damaged: cut.mcap: no usable summary' in capsys.readouterr().err
 
 
+def test_a_report_without_a_normal_form_says_why_it_failed(tmp_path: Path, capsys) -> None:
+    seconds = np.arange(2000) / 100.0
+    noise = 5e-6 * np.random.default_rng(3).standard_normal(2000)
+    bag = write_record(tmp_path / 'bag', record_of(seconds, lateral=noise, speed=7.0))
+    out = tmp_path / 'report.html'
+    assert main(['report', str(bag), '--out', str(out)]) == 1
+    page, why = capsys.readouterr().out.splitlines()
+    assert page == str(out)
+    assert re.match('no normal form: .+', why)
+
+
 def test_info_of_a_recording_that_is_still_open(bag: Path, tmp_path: Path, capsys) -> None:
     with BagWriter(tmp_path / 'live') as writer:
         key = writer.topic('/a', 'std_msgs/msg/String')
