@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 from functools import partial
+from itertools import groupby
 
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import progress, tell
@@ -62,10 +63,10 @@ def describe(found: Plan) -> str:
     """Return the plan as a few lines for a person."""
     lines = [found.reason]
     for one in found.quantities:
-        scale, unit = (1e6, 'um') if one.unit == 'm' else (1.0, one.unit)
-        value, std, after = (scale * each for each in (one.value, one.std, one.std_after))
+        value, unit = (1e6 * one.value, 'um') if one.unit == 'm' else (one.value, one.unit)
         lines.append(
-            f'{one.name:16s}{value:.5g} {unit}, deviation {std:.2g} -> {after:.2g} {unit}'
+            f'{one.name:16s}{value:.5g} {unit},'
+            f' deviation {one.told(one.std)} -> {one.told(one.std_after)}'
         )
     lasts = f'lasts about {found.duration_s:.0f} s, at most {found.longest_s:.0f} s'
     if found.escape is not None:
@@ -73,7 +74,10 @@ def describe(found: Plan) -> str:
     lines.append(lasts)
     if found.steps:
         lines.append('the profile, and how long each part lasts on average:')
-    lines += [f'  {one.duration_s:5.0f} s  {one.words}' for one in found.steps]
+    for words, alike in groupby(found.steps, key=lambda one: one.words):
+        lasting = [one.duration_s for one in alike]
+        times = f', {len(lasting)} times' if len(lasting) > 1 else ''
+        lines.append(f'  {sum(lasting):5.0f} s  {words}{times}')
     if found.actions:
         lines.append(
             'the best actions from here, by what a minute teaches (drop of the logarithms of the'

@@ -149,7 +149,8 @@ class Prediction:
 
     def told(self, std: float) -> str:
         """Return a deviation with its unit."""
-        return f'{1e6 * std:.2g} um' if self.unit == 'm' else f'{std:.2g} {self.unit}'
+        number, unit = (1e6 * std, 'um') if self.unit == 'm' else (std, self.unit)
+        return f'{_rounded(number, 2):g} {unit}'
 
 
 @dataclass(frozen=True)
@@ -255,6 +256,11 @@ def _first_sweep(
         f' planned: a sweep to {ceiling:.3g} m/s shows where hunting begins and ends'
         + (f' ({said})' if said else '')
     )
+    if unknown == ['v_n'] and known.criticality == 'supercritical':
+        reason = (
+            'a supercritical rig has no v_n, and nothing more to plan for: a sweep to'
+            f' {ceiling:.3g} m/s shows v_c once more'
+        )
     rest = known.bracket.v_c
     if rest is not None and ceiling <= (1.0 + ONE_SPEED) * rest:
         reason = (

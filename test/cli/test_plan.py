@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from runpy import run_path
 
@@ -45,6 +47,18 @@ def test_a_parameter_file_gives_the_next_profile_and_its_reason(form, tmp_path, 
     assert {'kind', 'action', 'duration_s', 'gain_per_minute', 'escape_chance'} == set(
         document['actions'][0]
     )
+
+
+def test_the_same_action_again_and_again_is_one_line(form, capsys):
+    assert main(['plan', str(form), '--budget', '300', '--set', 'speed_ceiling_mps=7.7']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    begin = next(k for k, line in enumerate(lines) if line.startswith('the profile'))
+    end = next(k for k, line in enumerate(lines) if line.startswith('the best actions'))
+    words = [
+        re.sub(r', \d+ times$', '', line.split(' s  ', 1)[1]) for line in lines[begin + 1 : end]
+    ]
+    assert all(one != other for one, other in pairwise(words))
+    assert any(' times' in line for line in lines[begin + 1 : end])
 
 
 def test_bad_input_is_one_line_and_exit_2(form, tmp_path, capsys):

@@ -13,7 +13,7 @@ from hunt_ros.errors import ConfigError, IdentificationError
 from hunt_ros.identification import plan as planning
 from hunt_ros.identification.bracket import Bracket
 from hunt_ros.identification.foresight import ESCAPED, TIME, Foresight, Move
-from hunt_ros.identification.plan import PlanSettings, plan
+from hunt_ros.identification.plan import PlanSettings, Prediction, plan
 
 
 @pytest.fixture(scope='module')
@@ -100,6 +100,18 @@ def test_without_v_n_it_begins_with_a_sweep_and_says_why(known):
     assert 'nothing hunted' in found.reason
     found.profile.check(9.0)
     assert found.duration_s <= 125.0
+
+
+def test_of_a_supercritical_rig_nothing_must_be_known_that_it_has_not(known):
+    soft = replace(known, v_n=None, criticality='supercritical', unknown={'v_n': 'it has no fold'})
+    found = plan(soft, PlanSettings(speed_ceiling_mps=9.0, budget_s=120.0))
+    assert 'must be known' not in found.reason
+    assert 'shows v_c once more' in found.reason
+
+
+def test_deviations_are_told_as_a_person_writes_them():
+    told = Prediction('A_u(7 m/s)', 'm', 2e-3, 1e-4, 9.2e-5).told
+    assert (told(1.02e-4), told(9.2e-5)) == ('100 um', '92 um')
 
 
 def test_a_sweep_to_a_speed_of_rest_promises_no_hunting(known):
