@@ -33,13 +33,14 @@ def branches(identified: IdentifiedNormalForm, words: Words) -> Mapping[str, Any
     -------
     dict
         `words` (the form by its critical speeds, as the detector says it), `shown` (the same in
-        the unit shown), `v_c`, `v_c_std`, `v_n` (None without a fold), `low`, `high` (the speeds
+        the unit shown), `v_c`, `v_c_std`, `v_n` (None: not known), `low`, `high` (the speeds
         of the diagram), `top_mm` (greatest amplitude of a branch), `stable` and `unstable`
         (lists of speeds and amplitudes, mm, None where there is none), `bands`: the same names to
         speeds, lower and upper edges between which the branch lies with 95 % probability.
     """
     form = identified.form
     v_c, v_n = form.critical_speed, form.nonlinear_critical_speed
+    known = identified.nonlinear_critical_speed
     first = v_n if v_n is not None else v_c
     low = max(0.0, min(0.93 * first, first - 0.5 * (v_c - first)))
     high = v_c + max(0.12 * v_c, 0.5 * (v_c - first))
@@ -61,7 +62,7 @@ def branches(identified: IdentifiedNormalForm, words: Words) -> Mapping[str, Any
         'shown': words.text(identified.words),
         'v_c': words.speed(v_c),
         'v_c_std': words.speed(std) if std > 0.0 else None,
-        'v_n': None if v_n is None else words.speed(v_n),
+        'v_n': None if known is None else words.speed(known),
         'low': words.speed(low),
         'high': words.speed(high),
         'top_mm': _MILLI * max(tops, default=1e-3),

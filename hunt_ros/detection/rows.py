@@ -72,7 +72,8 @@ class RowMaker:
 
     def set_normal_form(self, identified: IdentifiedNormalForm | None) -> None:
         """Use a normal form (None: v_n and v_c of the settings, or nothing) from now on."""
-        form = self._form = None if identified is None else identified.form
+        self._identified = identified
+        form = None if identified is None else identified.form
         self._follow(None if form is None else form.frequency_hz)
         self._estimator.set_mode_shape(None if identified is None else identified.mode_shape)
         self._numbers = form_numbers(identified)
@@ -91,13 +92,14 @@ class RowMaker:
     @property
     def boundaries(self) -> tuple[float, float]:
         """The boundaries of the regions, v_n and v_c, m/s; NaN: there is none, or unknown."""
-        form = self._form
-        if form is None:
+        identified = self._identified
+        if identified is None:
             config = self.config
             v_n = config.nonlinear_critical_speed_mps or math.nan
             return v_n, config.critical_speed_mps or math.nan
-        fold = form.nonlinear_critical_speed
-        # A subcritical form without a fold has an unstable branch at any speed below v_c.
+        form, fold = identified.form, identified.nonlinear_critical_speed
+        # A subcritical form without a fold has an unstable branch at any speed below v_c; one
+        # whose fold is not known may have.
         nowhere = math.nan if form.criticality == 'supercritical' else 0.0
         return nowhere if fold is None else fold, form.critical_speed
 

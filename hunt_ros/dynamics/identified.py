@@ -12,6 +12,7 @@ import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,8 @@ PARAMETERS: tuple[str, ...] = ('v_c', *COEFFICIENTS)
 
 #: Units of the form, with defaults where a file does not give them.
 SCALES = ('length_scale', 'time_scale', 'frequency_hz')
-
+#: Share of the draws in which a quantity must exist, to be given: that of the intervals.
+EXISTS = 0.95
 
 #: Name of the parameter file with the newest form of a folder of recordings.
 NEWEST_FILE = 'normal_form.yaml'
@@ -98,10 +100,19 @@ class IdentifiedNormalForm:
                 ' of the rig file)'
             )
 
+    @cached_property
+    def nonlinear_critical_speed(self) -> float | None:
+        """v_n, m/s; None without a fold, or where fewer than `EXISTS` of the sample have one."""
+        v_n = self.form.nonlinear_critical_speed
+        if v_n is None or not len(self.sample):
+            return v_n
+        there = [one.nonlinear_critical_speed is not None for one in self.draws(len(self.sample))]
+        return v_n if np.mean(there) >= EXISTS else None
+
     @property
     def words(self) -> str:
         """The form by its critical speeds, as events and status name it."""
-        v_n, std = self.form.nonlinear_critical_speed, self.std('v_c')
+        v_n, std = self.nonlinear_critical_speed, self.std('v_c')
         doubt = f' +/- {std:.3f}' if std > 0.0 else ''
         words = f'v_c {self.form.critical_speed:.3f}{doubt} m/s'
         return words if v_n is None else f'{words}, v_n {v_n:.3f} m/s'

@@ -19,10 +19,10 @@ from scipy import stats
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
 from hunt_ros.dynamics.growth_law import GrowthLaw
-from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.identified import EXISTS, IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, NormalForm
 from hunt_ros.dynamics.paper_form import normal_form_of
-from hunt_ros.identification.uncertainty import ENOUGH_DRAWS, EXISTS, summary
+from hunt_ros.identification.uncertainty import ENOUGH_DRAWS, summary
 from hunt_ros.samples import NORMAL_95, Uncertain, as_json
 
 Array = NDArray[np.float64]

@@ -12,6 +12,7 @@ from scipy import stats
 
 from hunt_ros.dynamics.covariance_root import covariance_root, inverse_of
 from hunt_ros.dynamics.growth_law import SATURATION, TERMS, GrowthLaw, reading
+from hunt_ros.dynamics.identified import EXISTS
 from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.likelihood.path_likelihood import ALL_TERMS
 from hunt_ros.identification.likelihood.trajectory_fit import TrajectoryFit
@@ -25,8 +26,6 @@ _DEGREES = 12.0
 _APART = 1e-3
 #: Draws behind the intervals.
 _DRAWS = 400
-#: Share of the draws in which a quantity must exist, to be given: that of the intervals.
-EXISTS = 0.95
 #: Fewer draws than this say nothing of an interval.
 ENOUGH_DRAWS = 10
 #: Draws that are tried for one that is kept, at most.

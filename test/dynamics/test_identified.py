@@ -180,3 +180,13 @@ def test_the_form_of_another_rig_is_refused_and_one_without_a_name_is_not() -> N
     IdentifiedNormalForm(PAPER_NORMAL_FORM).refuse_other('rig B')
     with pytest.raises(ConfigError, match=r"x\.yaml: identified on rig 'rig A', expected 'rig B'"):
         kept.refuse_other('rig B', 'x.yaml')
+
+
+@pytest.mark.parametrize(('without', 'known'), [(0, True), (3, True), (4, False), (30, False)])
+def test_a_fold_that_too_few_of_the_sample_have_is_not_known(without: int, known: bool) -> None:
+    own = IdentifiedNormalForm(PAPER_NORMAL_FORM).vector
+    sample = np.tile(own, (64, 1))
+    sample[:without, 5] = 0.0  # without an end of growth there is no fold
+    found = IdentifiedNormalForm(PAPER_NORMAL_FORM, np.diag([1e-4] * 6), sample=sample)
+    assert (found.nonlinear_critical_speed is not None) == known
+    assert ('v_n' in found.words) == known

@@ -183,7 +183,7 @@ class OutlookTable:
             for name in ('decides', 'latest', 'earliest'):
                 found[name] = math.inf
             return found
-        # Where some draws have no end of growth, what is quiet may be far below the cycle of others.
+        # Where growth has no end in some draws, quiet may lie far below the cycle of others.
         top, least = float(np.nanmax(high)), float(low[np.isfinite(high)].min())
         grid = np.geomspace(min(_LEAST * top, 0.5 * least), top, _AMPLITUDES)
         risen, rate = _committors(first, second, third, noise, low, high, grid)

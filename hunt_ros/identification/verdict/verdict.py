@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds, SteadyState
 from hunt_ros.dynamics.growth_law import GrowthLaw
+from hunt_ros.dynamics.identified import EXISTS
 from hunt_ros.dynamics.normal_form import COEFFICIENTS
 from hunt_ros.identification.bracket import Bracket, contradicts, refutations
 from hunt_ros.identification.fit import FittedLaw
@@ -26,7 +27,6 @@ from hunt_ros.identification.record.segments import Run, Segment
 from hunt_ros.identification.result import GIVEN, PAPERS, FitSummary, Identification, percent
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import (
-    EXISTS,
     critical_speed_bound,
     draw_laws,
     law_covariance,
