@@ -159,15 +159,12 @@ def _of_cell(
     beside = 1.0 + np.array([0.0, 1e-3])
     rate, faster = law.growth_rate(speed * beside, point).tolist()
     larger = float(law.growth_rate(speed, point * beside)[1]) - rate
+    # Next to the fold the amplitude of a limit cycle is a matter of the last digits of the speed.
+    share = abs(1e-3 * more) / math.hypot(faster - rate, larger)
     where = f'at {speed:.3g} m/s, {1e3 * amplitude:.2g} mm'
     if held:
-        share, kind = abs(1e-3 * more / larger), 'larger' if more > 0.0 else 'smaller'
-        return (
-            share,
-            True,
-            f'{where} the limit cycle is {kind} than the law by {100 * share:.2g} %',
-        )
-    share = abs(1e-3 * more) / math.hypot(faster - rate, larger)
+        off, kind = abs(1e-3 * more / larger), 'larger' if more > 0.0 else 'smaller'
+        return share, True, f'{where} the limit cycle is {kind} than the law by {100 * off:.2g} %'
     seen, said = (
         f'{"grows" if one > 0.0 else "dies"} by {abs(one):.2g} 1/s' for one in (rate + more, rate)
     )

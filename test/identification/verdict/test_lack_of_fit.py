@@ -21,7 +21,7 @@ from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.fit import FittedLaw, law_prior
 from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.trajectory_fit import fit_path
-from hunt_ros.identification.verdict.lack_of_fit import LackOfFit, lack_of_fit
+from hunt_ros.identification.verdict.lack_of_fit import LackOfFit, _of_cell, lack_of_fit
 from hunt_ros.samples import Record
 
 Array = np.ndarray
@@ -73,6 +73,23 @@ def test_what_a_law_misses_is_named():
         assert one.flagged
         assert one.words.startswith('at 8.3')
         assert 'the limit cycle is larger than the law by' in one.words
+
+
+def test_next_to_the_fold_a_thousandth_of_the_speed_is_no_misfit_of_the_limit_cycle():
+    speed = 1.001 * LAW.saddle_node(5.0)
+    cycle = float(LAW.steady_amplitudes(speed)[1][0])
+    path = Path(
+        np.arange(9.0),
+        np.full(9, speed / SCALES.speed - 1.0),
+        np.full(9, cycle / SCALES.amplitude, dtype=complex),
+        np.zeros(9, dtype=bool),
+    )
+    for off in (-1e-3, 1e-3):
+        more = float(LAW.growth_rate((1.0 + off) * speed, cycle))
+        share, held, words = _of_cell(LAW, path, np.ones(9, dtype=bool), more)
+        assert held
+        assert 'the limit cycle is ' in words
+        assert share == pytest.approx(1e-3, rel=0.3)
 
 
 @pytest.mark.slow
