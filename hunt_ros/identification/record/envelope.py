@@ -133,6 +133,7 @@ def envelope_of(
     channels: Channels,
     frequency: NDArray[np.float64],
     line_power: NDArray[np.float64] | None = None,
+    step_cycles: float = STEP_CYCLES,
 ) -> Envelope:
     """
     Complex envelope of the hunting mode along one record.
@@ -145,6 +146,8 @@ def envelope_of(
         Of the turning frame at each lateral sample, Hz.
     line_power : ndarray, shape (n,), optional
         Sum of the squared amplitudes of the lines that there were, m^2.
+    step_cycles : float
+        Distance of the windows, cycles of the frame.
 
     Returns
     -------
@@ -153,7 +156,7 @@ def envelope_of(
     time = channels.time
     centre_hz = float(np.median(frequency))
     half = 0.5 * WINDOW_CYCLES / centre_hz
-    step = STEP_CYCLES / centre_hz
+    step = step_cycles / centre_hz
     centres = np.arange(time[0] + half, time[-1] - half + 1e-9, step)
     increments = np.diff(time, prepend=time[0]) * frequency
     phase = 2.0 * np.pi * np.cumsum(increments)

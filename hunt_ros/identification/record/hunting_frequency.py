@@ -19,6 +19,10 @@ from hunt_ros.samples import NANOSECONDS, Record, Series
 
 #: Lines are looked for in so much at least of what there is, s.
 _MOST_S = 7200.0
+#: Distance of the windows in which the frequency is found, cycles: from one to the next the motion
+#: turns by less than half a turn up to twice the frequency of the frame, and down to zero. That of
+#: a wheelset goes with the speed.
+_FIRST_STEP_CYCLES = 0.5
 
 
 Array = NDArray[np.float64]
@@ -83,7 +87,8 @@ def tracked_envelope(
     constant = np.full(record.time.size, frequency_hz)
     lines = settings.orders, fixed_hz, turning
     # The first pass needs the turning alone.
-    first = envelope_of(free_of_lines(replace(record, yaw=None), constant, *lines)[0], constant)
+    free, _ = free_of_lines(replace(record, yaw=None), constant, *lines)
+    first = envelope_of(free, constant, step_cycles=_FIRST_STEP_CYCLES)
     offset, along = _frequency_offset(first), np.full(record.time.size, frequency_hz)
     if offset is not None:
         # Never beyond what the first pass could have seen without folding.

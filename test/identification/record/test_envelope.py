@@ -38,6 +38,17 @@ def test_the_amplitude_is_free_of_roughness_and_bias():
     assert envelope.line_power == pytest.approx(1e-8 + 2.5e-9, rel=2e-3)
 
 
+def test_a_frequency_that_goes_with_the_speed_is_followed_over_a_factor_of_two():
+    time = np.arange(0, 300, 0.005)
+    speed = np.interp(time, [0, 20, 140, 160, 280, 300], [20, 20, 42, 42, 20, 20])
+    turned = 2 * np.pi * np.cumsum(4.5 / 40.0 * speed) * 0.005
+    channels = channels_of(record(time, 3e-4 * np.cos(turned), speed))
+    envelope, _ = tracked_envelope(channels, 3.5, SETTINGS)
+    assert envelope.frequency[[0, -1]] == pytest.approx(2.25, rel=0.02)
+    assert envelope.frequency.max() == pytest.approx(4.725, rel=0.02)
+    assert envelope.amplitude == pytest.approx(3e-4, rel=0.01)
+
+
 def test_the_hunting_line_is_found_under_a_stronger_roughness_line():
     time = np.arange(0, 40, 0.005)
     roller = 7.0 / 0.15 * time
