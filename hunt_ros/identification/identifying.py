@@ -392,7 +392,8 @@ def _path(
 def _holds(speed: NDArray[np.float64]) -> NDArray[np.int64]:
     """Number the holds, where a speed stays the same, and what is between, shape (n,)."""
     held = [span for span in spans(np.diff(speed) == 0.0) if span[1] - span[0] >= _HELD]
-    return np.searchsorted(np.ravel(held), np.arange(speed.size), side='right')
+    number = np.searchsorted(np.ravel(held), np.arange(speed.size), side='right')
+    return np.unique(number, return_inverse=True)[1]
 
 
 def _line(envelope: Envelope) -> NDArray[np.float64]:

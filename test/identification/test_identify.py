@@ -241,6 +241,13 @@ def test_each_hold_of_a_coarse_speed_has_a_speed_of_its_own(make):
     assert coarse.v_n.low < PAPER_NORMAL_FORM.nonlinear_critical_speed < coarse.v_n.high
 
 
+def test_a_coarse_speed_that_is_held_from_the_first_instant_is_read():
+    """Its first hold was looked for before the record: `identify` ended with a ValueError."""
+    record = held_speeds((5.0, 5.6, 6.2), 60.0, 4.0, 3, forcing=1e-5)
+    result = identify(read_in_steps(record, 0.05))
+    assert any('in steps of' in warning for warning in result.warnings)
+
+
 def test_the_line_of_a_roller_tells_its_diameter_where_nobody_did(make):
     plain = staircase_of(make, 2e-5)
     lateral, speed = plain['lateral'], plain['speed']
