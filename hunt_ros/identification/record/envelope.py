@@ -10,11 +10,12 @@ amplitude equation (24) speaks of.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hunt_ros.identification.record.channels import Channels
 
@@ -42,8 +43,8 @@ _STEADY = 0.04
 FEWEST_SAMPLES = 10
 #: Least part of each that the others do not explain, of the window's weight.
 _TOLD_APART = np.array([2e-2, 2e-2, 2e-2, 2e-3, 2e-3])
-#: What a window shows that gives no value.
-_UNKNOWN = complex(math.nan, math.nan), math.nan, math.nan
+#: Windows that are fitted at once.
+_BLOCK = 1024
 #: A window with less of its weight on samples than this gives no value.
 LEAST_WEIGHT = 0.6
 
@@ -111,22 +112,10 @@ def window_weight(x: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.maximum(weight, 0.0)  # by rounding below 0 at its ends
 
 
-def _local_fit(
-    x: NDArray[np.float64], values: NDArray[np.float64], turning: NDArray[np.complex128]
-) -> tuple[complex, float, float]:
-    """Fit one window; return phasor, noise of one of its parts, and residual."""
-    weight = window_weight(x)
-    seen, root = float(weight.sum()), np.sqrt(weight)
-    # Growth and turning within the window are fitted too, so that only a jump is left over.
-    waves = [part for wave in (turning, x * turning) for part in (wave.real, -wave.imag)]
-    columns = np.stack([np.ones_like(x), *waves, values])
-    triangle = np.asarray(np.linalg.qr((root * columns).T, mode='r'))
-    if (np.diag(triangle)[:-1] ** 2 <= _TOLD_APART * seen).any():
-        return _UNKNOWN
-    found = np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1])
-    residual = abs(float(triangle[-1, -1])) / math.sqrt(seen)
-    noise = residual * math.sqrt(2.0 * float(weight @ weight)) / seen
-    return complex(found[1], found[2]), noise, residual
+def _triangles(columns: Sequence[ArrayLike], root: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Triangular factors of weighted columns, shape (n, k, k), of roots of weights (n, m)."""
+    rows = np.stack([root * column for column in columns], axis=-1)
+    return np.asarray(np.linalg.qr(rows, mode='r'))
 
 
 def envelope_of(
@@ -194,15 +183,28 @@ def _windows(
     known = np.isfinite(channels.lateral)
     instants, values = channels.time[known], channels.lateral[known]
     turning = np.exp(1j * phase[known])
+    found = np.full((3, centres.size), complex(math.nan, math.nan))
+    first, end = np.searchsorted(instants, [centres - half, centres + half])
     # Weight of a full window, by the nominal rate: what is missing is missing from this.
     full = 0.42 * 2.0 * half * channels.rate_hz
-    fits = []
-    for centre in centres:
-        inside = slice(*np.searchsorted(instants, [centre - half, centre + half]))
-        x = (instants[inside] - centre) / half
-        filled = x.size >= FEWEST_SAMPLES and window_weight(x).sum() >= LEAST_WEIGHT * full
-        fits.append(_local_fit(x, values[inside], turning[inside]) if filled else _UNKNOWN)
-    found: NDArray[np.complex128] = np.array(fits, dtype=np.complex128).reshape(-1, 3).T
+    filled = np.flatnonzero(end - first >= FEWEST_SAMPLES)
+    for k in np.split(filled, range(_BLOCK, filled.size, _BLOCK)):
+        place = first[k][:, None] + np.arange((end - first)[k].max(initial=0))
+        inside = place < end[k][:, None]
+        place = np.where(inside, place, 0)
+        x = np.where(inside, (instants[place] - centres[k][:, None]) / half, 1.0)
+        weight, wave = window_weight(x), turning[place]
+        seen = weight.sum(axis=1)
+        # Growth and turning within the window are fitted too, so that only a jump is left over.
+        waves = wave.real, -wave.imag, x * wave.real, -x * wave.imag
+        triangle = _triangles([np.ones_like(x), *waves, values[place]], np.sqrt(weight))
+        apart = np.diagonal(triangle, axis1=1, axis2=2)[:, :-1] ** 2 > _TOLD_APART * seen[:, None]
+        told = apart.all(axis=1) & (seen >= LEAST_WEIGHT * full)
+        k, triangle, seen, square = k[told], triangle[told], seen[told], (weight**2).sum(1)[told]
+        parts = np.linalg.solve(triangle[:, :-1, :-1], triangle[:, :-1, -1:])[..., 0]
+        residual = np.abs(triangle[:, -1, -1]) / np.sqrt(seen)
+        noise = residual * np.sqrt(2.0 * square) / seen
+        found[:, k] = parts[:, 1] + 1j * parts[:, 2], noise, residual
     return found
 
 
@@ -238,16 +240,24 @@ def without_beat(envelope: Envelope) -> Envelope:
         # The line grows with the square of the limit cycle.
         wave = turn * np.conj(envelope.phasor) ** 3 / amplitude
     phasor = envelope.phasor.copy()
-    for k in np.flatnonzero(large):
-        near = np.flatnonzero(steady[max(k - _REACH, 0) : k + _REACH + 1]) + max(k - _REACH, 0)
-        if near.size < 10:
-            continue
-        size = _beat(amplitude[near], wave[near], (near - k) / _REACH)
-        if size is None:
-            # What cannot be told apart is left out, not left in; a transient passes it by.
-            phasor[k] = np.nan if steady[k] else phasor[k]
-        else:
-            phasor[k] *= 1.0 - float((np.conj(size) * wave[k]).real) / amplitude[k]
+    at, offset = np.flatnonzero(large), np.arange(-_REACH, _REACH + 1)
+    place = at[:, None] + offset
+    near = steady[np.clip(place, 0, steady.size - 1)] & (place >= 0) & (place < steady.size)
+    enough = near.sum(axis=1) >= 10
+    at, place, near = at[enough], place[enough], near[enough]
+    place = np.where(near, place, at[:, None])
+    count, x = near.sum(axis=1), np.broadcast_to(offset / _REACH, near.shape)
+    scale = (near * np.abs(wave[place])).sum(axis=1) / count
+    part = wave[place] / scale[:, None]
+    smooth = np.ones_like(x), x, x**2
+    triangle = _triangles([*smooth, part.real, part.imag, amplitude[place]], near)
+    block = triangle[:, 3:5, 3:5]
+    told = np.linalg.svd(block, compute_uv=False)[:, -1] ** 2 >= 0.5 * _TELL * count
+    # What cannot be told apart is left out, not left in; a transient passes it by.
+    phasor[at[~told & steady[at]]] = np.nan
+    at, size = at[told], np.linalg.solve(block[told], triangle[told, 3:5, 5:])[..., 0]
+    shown = np.sum(size * np.stack([wave[at].real, wave[at].imag], axis=1), axis=1) / scale[told]
+    phasor[at] *= 1.0 - shown / amplitude[at]
     return replace(envelope, phasor=phasor)
 
 
@@ -256,19 +266,3 @@ def _steady(amplitude: NDArray[np.float64]) -> NDArray[np.bool_]:
     logs = np.log(np.where(amplitude > 0.0, amplitude, np.nan))
     mean = sliding_window_view(logs, 4).mean(axis=1)
     return np.pad(np.abs(mean[3:] - mean[:-3]) < _STEADY, 3)
-
-
-def _beat(
-    amplitude: NDArray[np.float64], wave: NDArray[np.complex128], x: NDArray[np.float64]
-) -> complex | None:
-    """Complex size of the beat over the square of the amplitude; None where it cannot be told."""
-    smooth = np.stack([np.ones_like(x), x, x**2], axis=1)
-    scale = float(np.mean(np.abs(wave)))
-    parts = np.stack([wave.real, wave.imag], axis=1) / scale
-    across = parts - smooth @ np.linalg.lstsq(smooth, parts, rcond=None)[0]
-    power = np.linalg.svd(across, compute_uv=False)[-1] ** 2 / (0.5 * x.size)
-    if power < _TELL:
-        return None
-    basis = np.concatenate([smooth, parts], axis=1)
-    solution = np.linalg.lstsq(basis, amplitude, rcond=None)[0] / scale
-    return complex(solution[3], solution[4])
