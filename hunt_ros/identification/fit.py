@@ -27,8 +27,6 @@ from hunt_ros.dynamics.growth_law import (
     lawful,
     saturated,
 )
-from hunt_ros.dynamics.normal_form import NormalForm
-from hunt_ros.dynamics.paper_form import from_normal_form
 from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.path_likelihood import NOISE_TERMS
 from hunt_ros.identification.likelihood.spreads import learnt
@@ -118,7 +116,7 @@ def _fit_paper(
     v_c: float | None,
     line: bool,
 ) -> TrajectoryFit:
-    """Fit the paper's form from several starts."""
+    """Fit the paper's form, from a law of either criticality at the observed speed."""
     prior = law_prior(scales, line)
     step = float(np.median(np.diff(path.time)))
     change = np.abs(np.diff(path.phasor))
@@ -126,32 +124,12 @@ def _fit_paper(
     noise = np.log([max(0.3 * usual / step, 1e-12), max(0.3 * usual, 1e-12), 1e-3])
     # From broad to narrow: under little noise the hills are too steep to find the highest.
     noise = np.concatenate([[0.0, 0.0], np.maximum(noise, _BROAD)])
-    laws = _templates(path, scales, v_c)
-    starts = [
-        fit_path(path, np.concatenate([lawful(law), noise]), prior, priors, 8) for law in laws
-    ]
+    u = v_c / scales.speed - 1.0 if v_c else float(np.quantile(path.u, 0.75))
+    shapes = np.array([(-u, 1.0, 0.0, 1.0, 0.0, -1.0), (-u, 1.0, 0.0, -1.0, 0.0, 0.0)])
+    laws = [np.concatenate([lawful(law), noise]) for law in scales.frequency_hz * shapes]
+    starts = [fit_path(path, law, prior, priors, 8) for law in laws]
     best = max(starts, key=lambda one: one.log_likelihood)
     return fit_path(path, best.theta, prior, priors, own=best.own)
-
-
-def _templates(path: Path, scales: GrowthScales, v_c: float | None) -> list[NDArray[np.float64]]:
-    """
-    Laws of the usual shapes at the observed speeds, as starts.
-
-    The likelihood has more than one hill; which is the highest, the data decide, and from one side
-    a hill is climbed that is not from the other.
-    """
-    rate = scales.frequency_hz * scales.time_scale
-    big = rate / scales.ratio
-    speed = v_c or float(scales.speed * (1.0 + np.quantile(path.u, 0.75)))
-    units = scales.length_scale, scales.time_scale, scales.frequency_hz
-    shapes = [(big, -big / scales.ratio), (-big, 0.0)]
-    forms = [
-        NormalForm(part * speed, rate, D4, 0.0, 0.0, D15, *units)
-        for part in (0.9, 1.0, 1.1)
-        for D4, D15 in shapes
-    ]
-    return [from_normal_form(one, scales) for one in forms]
 
 
 def _turned(path: Path, fit: TrajectoryFit, scales: GrowthScales) -> Path:
