@@ -12,10 +12,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from hunt_ros.identification.record.channels import Channels
 
@@ -112,7 +113,7 @@ def window_weight(x: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.maximum(weight, 0.0)  # by rounding below 0 at its ends
 
 
-def _triangles(columns: Sequence[ArrayLike], root: NDArray[np.float64]) -> NDArray[np.float64]:
+def _triangles(columns: Sequence[NDArray[Any]], root: NDArray[Any]) -> NDArray[np.float64]:
     """Triangular factors of weighted columns, shape (n, k, k), of roots of weights (n, m)."""
     rows = np.stack([root * column for column in columns], axis=-1)
     return np.asarray(np.linalg.qr(rows, mode='r'))
