@@ -151,7 +151,7 @@ def _moved(
 
     def log_density(one: NDArray[np.float64]) -> float:
         """Return the log posterior, where the recordings' own follows."""
-        law = replace(fitted.law, p=one[:TERMS] + fit.correction)
+        law = replace(fitted.law, p=one[:TERMS])
         if not (problem.allowed(one) and (admissible is None or admissible(law))):
             return -math.inf
         away = one - fit.theta
@@ -217,9 +217,7 @@ def draw_laws(
     away = np.array(drawn).reshape(-1, TERMS)
     noise = _beside(fitted, away, generator.standard_normal((len(away), ALL_TERMS - TERMS)))
     theta = np.hstack([fitted.law.p + away, noise])
-    theta[:, :TERMS] -= fitted.fit.correction
     theta = _moved(fitted, theta, stretch, admissible, generator)
-    theta[:, :TERMS] += fitted.fit.correction
     told = [reading(0.0, k) @ one[:TERMS] for one, k in zip(theta, scales.tolist(), strict=True)]
     return np.array(told).reshape(-1, TERMS), theta[:, TERMS:], 1.0 - len(drawn) / tried
 

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from hunt_ros.dynamics.covariance_root import inverse_of
 from hunt_ros.dynamics.growth_law import FELT, PAPER_TERMS, SATURATION, TERMS
-from hunt_ros.identification.likelihood.damping_bias import damping_correction
 from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.path_likelihood import (
     ALL_TERMS,
@@ -95,8 +94,6 @@ class TrajectoryFit:
         Gain of the log likelihood that the last step still promises, within the bounds.
     beyond : float
         How far beyond its bound the saturation would go, <= 0; 0 where the bound does not hold it.
-    correction : ndarray, shape (10,)
-        What to add to the law for the bias of the damping of its quiet motion.
     own : ndarray, shape (recordings, 5)
         What each recording has of its own: logarithms of measured over true amplitude and of
         true over measured speed, shift of its v_c over v_ref, logarithms of its forcing Q and
@@ -111,7 +108,6 @@ class TrajectoryFit:
     innovations: NDArray[np.float64]
     remaining: float
     beyond: float
-    correction: NDArray[np.float64]
     own: NDArray[np.float64]
     problem: Problem
 
@@ -122,9 +118,8 @@ class TrajectoryFit:
 
     @property
     def law(self) -> NDArray[np.float64]:
-        """Coefficients of the growth law, freed from the bias of the damping."""
-        law: NDArray[np.float64] = self.theta[:-NOISE_TERMS] + self.correction
-        law[SATURATION] = max(law[SATURATION], 0.0)  # to rounding
+        """Coefficients of the growth law."""
+        law: NDArray[np.float64] = self.theta[:-NOISE_TERMS]
         return law
 
 
@@ -470,7 +465,6 @@ def fit_path(
         current.innovations,
         _remaining(theta, current),
         min(onward, 0.0),
-        damping_correction(theta, path, current.derivative, information),
         own,
         problem,
     )
