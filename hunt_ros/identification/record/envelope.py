@@ -189,8 +189,9 @@ def _windows(
     # Weight of a full window, by the nominal rate: what is missing is missing from this.
     full = 0.42 * 2.0 * half * channels.rate_hz
     filled = np.flatnonzero(end - first >= FEWEST_SAMPLES)
-    for k in np.split(filled, range(_BLOCK, filled.size, _BLOCK)):
-        place = first[k][:, None] + np.arange((end - first)[k].max(initial=0))
+    for begin in range(0, filled.size, _BLOCK):
+        k = filled[begin : begin + _BLOCK]
+        place = first[k][:, None] + np.arange((end - first)[k].max())
         inside = place < end[k][:, None]
         place = np.where(inside, place, 0)
         x = np.where(inside, (instants[place] - centres[k][:, None]) / half, 1.0)
