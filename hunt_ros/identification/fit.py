@@ -33,8 +33,10 @@ from hunt_ros.identification.likelihood.spreads import learnt
 from hunt_ros.identification.likelihood.trajectory_fit import (
     LawPrior,
     Prior,
+    Problem,
     TrajectoryFit,
     fit_path,
+    usual_spread,
 )
 from hunt_ros.identification.settings import IdentificationSettings
 
@@ -92,32 +94,27 @@ def fit_law(
     """
     priors = priors_of(scales, settings)
     line = path.line is not None and bool(np.any(path.line > 0.0))
-    fit = _fit_paper(path, scales, priors, v_c, line)
+    problem = Problem(path, law_prior(scales, line), priors, usual_spread(path))
+    fit = _fit_paper(problem, scales, v_c)
     for width in _WIDTHS:
-        path = _turned(path, fit, scales)
         prior = law_prior(scales, line, width, fit.theta[:PAPER_TERMS])
-        fit = fit_path(path, fit.theta, prior, priors, own=fit.own, spread=fit.problem.spread)
-    fit = learnt(path, fit, prior, priors)
+        problem = replace(problem, path=_turned(fit, scales), prior=prior)
+        fit = fit_path(problem, fit.theta, own=fit.own)
+    fit = learnt(fit)
     # A kick too small to be seen in its window shows as a step of the path: start anew there.
     for _ in range(_GATES):
         steps = _steps(fit)
         # Kicks are few; where many samples stand out it is the law that is wrong.
         if not steps.any() or steps.sum() > 3 + _MOST_JUMPS * steps.size:
             break
-        path = path.broken_at(steps)
-        fit = fit_path(path, fit.theta, prior, priors, own=fit.own, spread=fit.problem.spread)
+        problem = replace(fit.problem, path=fit.problem.path.broken_at(steps))
+        fit = fit_path(problem, fit.theta, own=fit.own)
     return FittedLaw(GrowthLaw(fit.law, scales), fit)
 
 
-def _fit_paper(
-    path: Path,
-    scales: GrowthScales,
-    priors: Sequence[Prior],
-    v_c: float | None,
-    line: bool,
-) -> TrajectoryFit:
+def _fit_paper(problem: Problem, scales: GrowthScales, v_c: float | None) -> TrajectoryFit:
     """Fit the paper's form, from a law of either criticality at the observed speed."""
-    prior = law_prior(scales, line)
+    path = problem.path
     step = float(np.median(np.diff(path.time)))
     change = np.abs(np.diff(path.phasor))
     usual = float(np.nanmedian(change)) ** 2 if np.isfinite(change).any() else 1.0
@@ -127,19 +124,20 @@ def _fit_paper(
     u = v_c / scales.speed - 1.0 if v_c else float(np.quantile(path.u, 0.75))
     shapes = np.array([(-u, 1.0, 0.0, 1.0, 0.0, -1.0), (-u, 1.0, 0.0, -1.0, 0.0, 0.0)])
     laws = [np.concatenate([lawful(law), noise]) for law in scales.frequency_hz * shapes]
-    starts = [fit_path(path, law, prior, priors, 8) for law in laws]
+    starts = [fit_path(problem, law, 8) for law in laws]
     best = max(starts, key=lambda one: one.log_likelihood)
-    return fit_path(path, best.theta, prior, priors, own=best.own)
+    return fit_path(problem, best.theta, own=best.own)
 
 
-def _turned(path: Path, fit: TrajectoryFit, scales: GrowthScales) -> Path:
+def _turned(fit: TrajectoryFit, scales: GrowthScales) -> Path:
     """
-    Turn the frame of a path with what its frequency leaves out, over speed and amplitude.
+    Turn the frame of the path with what its frequency leaves out, over speed and amplitude.
 
     The innovations across the amplitude show it, each as well as the filter knows it: a frame
     that turns too fast or too slow in a transient makes it look like a kick, and rest better
     damped than it is.
     """
+    path = fit.problem.path
     u, amplitude = path.u, np.abs(path.phasor)
     x = saturated(fit.theta[SATURATION], np.nan_to_num(amplitude) ** 2)
     basis = np.stack([np.ones_like(u), u, u * u, x, u * x, x * x, u * x * x], axis=1)

@@ -15,7 +15,7 @@ from hunt_ros.identification.fit import fit_law, law_prior
 from hunt_ros.identification.identifying import _distinct, _path
 from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.spreads import learnt
-from hunt_ros.identification.likelihood.trajectory_fit import fit_path
+from hunt_ros.identification.likelihood.trajectory_fit import Problem, fit_path, usual_spread
 from hunt_ros.identification.preparation import Recording, Run, runs_in
 from hunt_ros.identification.uncertainty import (
     critical_speed_bound,
@@ -137,7 +137,7 @@ def test_a_recording_without_a_usable_piece_or_in_another_unit_breaks_nothing(ga
     prior = law_prior(scales, False)
     for sign in (1.0, -1.0, 0.0):
         start = np.concatenate([sign * law, [0.0, 0.0, -8.0, -9.0, -6.0]])
-        fit = learnt(path, fit_path(path, start, prior, (), 20), prior, ())
+        fit = learnt(fit_path(Problem(path, prior, (), usual_spread(path)), start, 20))
         assert np.isfinite(fit.theta).all()
         assert np.isfinite(fit.own).all()
 

@@ -8,7 +8,12 @@ from made import forced_mode
 
 from hunt_ros.dynamics.growth_law import lawful
 from hunt_ros.identification.likelihood.path import Path
-from hunt_ros.identification.likelihood.trajectory_fit import LawPrior, fit_path
+from hunt_ros.identification.likelihood.trajectory_fit import (
+    LawPrior,
+    Problem,
+    fit_path,
+    usual_spread,
+)
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.record.envelope import (
     WINDOW_CYCLES,
@@ -47,7 +52,7 @@ def damping_found(lateral: np.ndarray) -> float:
         overlap=WINDOW_OVERLAP,
     )
     start = np.array([*lawful([-1.0, *np.zeros(5)]), 0.0, 0.0, -3.0, -9.0, -18.0])
-    return -float(fit_path(path, start, PRIOR).law[0])
+    return -float(fit_path(Problem(path, PRIOR, (), usual_spread(path)), start).law[0])
 
 
 @pytest.mark.parametrize(

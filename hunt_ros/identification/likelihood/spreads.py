@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.reading import OWN
 from hunt_ros.identification.likelihood.trajectory_fit import (
     SPREADS,
     USUAL,
-    LawPrior,
-    Prior,
-    Problem,
     TrajectoryFit,
     fit_path,
     log_widths,
@@ -26,9 +22,7 @@ Array = NDArray[np.float64]
 _ROUNDS = 4
 
 
-def learnt(
-    path: Path, fit: TrajectoryFit, prior: LawPrior, priors: Sequence[Prior]
-) -> TrajectoryFit:
+def learnt(fit: TrajectoryFit) -> TrajectoryFit:
     """
     Learn how far recordings differ, and fit anew with that.
 
@@ -41,25 +35,26 @@ def learnt(
     ----------
     Pinheiro, J. C., Bates, D. M., Mixed-Effects Models in S and S-PLUS (2000), Sect. 7.2.
     """
+    path = fit.problem.path
     count = len(path.recordings)
     if count < 2 or path.hold_std:
         return fit
     for turn in range(_ROUNDS):
-        spread = _likeliest(path, fit, prior, priors)
+        spread = _likeliest(fit)
         settled = (np.abs(np.log(spread / fit.problem.spread)) < 0.5).all()
         last = settled or turn == _ROUNDS - 1
         if last:
             spread = spread * np.sqrt((count + 1.0) / (count - 1.0))
-        fit = fit_path(path, fit.theta, prior, priors, own=fit.own, spread=spread)
+        fit = fit_path(replace(fit.problem, spread=spread), fit.theta, own=fit.own)
         if last:
             break
     return fit
 
 
-def _likeliest(path: Path, fit: TrajectoryFit, prior: LawPrior, priors: Sequence[Prior]) -> Array:
+def _likeliest(fit: TrajectoryFit) -> Array:
     """Spreads of what recordings have of their own that explain them best, shape (5,)."""
-    problem, before = Problem(path, prior, priors, fit.problem.spread), fit.problem.spread
-    at, precision = problem.expand(fit.theta, fit.own), np.diag(before**-2.0)
+    before = fit.problem.spread
+    at, precision = fit.problem.expand(fit.theta, fit.own), np.diag(before**-2.0)
     if not all(np.isfinite(one).all() for one in (at.information, at.own_block, at.cross)):
         return before  # of a law that ran away
     bare = at.own_block - precision

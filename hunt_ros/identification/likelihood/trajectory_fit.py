@@ -129,14 +129,15 @@ class _Expansion:
     The log likelihood about a point.
 
     `gradient` and `information` are those of the law, `own_slope` and `own_block` (its prior in
-    it) and `cross` those of what the recordings have of their own.
+    it) and `cross` those of what the recordings have of their own; `scores` are the parts of the
+    gradient by recording.
     """
 
     value: float
     gradient: Array
     information: Array
     innovations: Array
-    derivative: Array
+    scores: Array
     own_slope: Array
     own_block: Array
     cross: Array
@@ -164,7 +165,8 @@ class Problem:
     """
     What is maximised: the likelihood of a path with what is known beforehand.
 
-    `spread`, shape (5,), has standard deviations of what recordings have of their own; 0: alike.
+    Coefficients whose `prior` has no deviation are held; `priors` say what is known from
+    elsewhere; `spread`, shape (5,), has standard deviations of what recordings have of their own.
     """
 
     path: Path
@@ -241,8 +243,7 @@ class Problem:
         count, parts = int(cells.max()) + 1, self.path.recordings
         n, ends = theta.size + count, np.cumsum([part.time.size for part in parts])
         kept = np.delete(np.arange(n + OWN), np.arange(theta.size, n))
-        gradient, information = np.zeros(n), np.zeros((n, n))
-        base, derivative = [], []
+        base, scores, information = [], [], np.zeros((n, n))
         slopes, blocks = np.zeros((len(parts), OWN)), np.tile(np.eye(OWN), (len(parts), 1, 1))
         cross = np.zeros((len(parts), n, OWN))
         for r, (one, part, inside) in enumerate(
@@ -264,11 +265,10 @@ class Problem:
                 slopes[r] = point[n:] - one / self.spread**2
                 blocks[r] = whole[n:, n:] + np.diag(self.spread**-2)
                 cross[r] = whole[:n, n:]
-            gradient += point[:n]
+            scores.append(point[:n])
             information += whole[:n, :n]
             base.append(out)
-            derivative.append(np.tensordot(way[:, :n].T, d_e, axes=1))
-        k = self.told
+        k, gradient = self.told, np.sum(scores, axis=0)
         gradient[k] -= self.away(theta) / self.std[k]
         information[k, k] += 1.0 / self.std[k] ** 2
         law = theta[:TERMS]
@@ -290,7 +290,7 @@ class Problem:
             gradient,
             information,
             joined,
-            np.concatenate(derivative, axis=1),
+            np.array(scores),
             slopes,
             blocks,
             cross,
@@ -351,34 +351,32 @@ def _held(own: Array) -> Array:
     return held
 
 
+def usual_spread(path: Path) -> Array:
+    """Return how far recordings differ as is usual, or the holds of one with a coarse speed."""
+    if not path.hold_std:
+        return USUAL * (len(path.recordings) > 1)
+    # They are of one recording, and differ by no more than the steps of the reading.
+    spread: Array = SPREADS[:, 0].copy()
+    spread[2] = path.hold_std
+    return spread
+
+
 def fit_path(
-    path: Path,
-    start: Array,
-    prior: LawPrior,
-    priors: Sequence[Prior] = (),
-    iterations: int = 300,
-    own: Array | None = None,
-    spread: Array | None = None,
+    problem: Problem, start: Array, iterations: int = 300, own: Array | None = None
 ) -> TrajectoryFit:
     """
     Fit the growth law to a path.
 
     Parameters
     ----------
-    path : Path
-        The measured envelope.
+    problem : Problem
+        The measured envelope, and what is known beforehand.
     start : ndarray, shape (15,)
         Law and noise to start from.
-    prior : LawPrior
-        What is known of the coefficients beforehand; those with no deviation are held.
-    priors : sequence of Prior
-        What is known from elsewhere.
     iterations : int
         At most.
     own : ndarray, shape (recordings, 5), optional
         What the recordings have of their own, to start from.
-    spread : ndarray, shape (5,), optional
-        How far they differ in it; as is usual where it is not given.
 
     Returns
     -------
@@ -389,19 +387,13 @@ def fit_path(
     Fisher scoring with Levenberg's damping; the likelihood is that of the extended Kalman
     filter (Ljung, L., System Identification, 1999, Sect. 7.4).
     """
-    if spread is None:
-        spread = USUAL * (len(path.recordings) > 1)
-    if path.hold_std:
-        # They are of one recording, and differ by no more than the steps of the reading.
-        spread = SPREADS[:, 0].copy()
-        spread[2] = path.hold_std
-    problem = Problem(path, prior, priors, spread)
+    prior = problem.prior
     low, high = _bounds()
     theta = np.array(start, dtype=np.float64)
     held = np.flatnonzero(prior.std == 0.0)
     theta[held] = prior.mean[held]
     theta = np.clip(theta, low, high)
-    own = np.zeros((len(path.recordings), OWN)) if own is None else own
+    own = np.zeros((len(problem.path.recordings), OWN)) if own is None else own
     current = problem.expand(theta, own)
     # A start of little noise may not follow the path at all.
     for least in _BROADER:
@@ -453,7 +445,7 @@ def fit_path(
     unknown = 0.0
     if problem.differ:
         known = bool(np.isfinite(current.own_block).all())
-        unknown = 0.5 * log_widths(current.own_block, spread) if known else float('inf')
+        unknown = 0.5 * log_widths(current.own_block, problem.spread) if known else float('inf')
     gradient, information = current.reduced()
     onward = 0.0
     if theta[SATURATION] <= 0.0 and np.isfinite(information).all():

@@ -119,9 +119,8 @@ def lack_of_fit(fitted: FittedLaw, names: Sequence[str] = ()) -> LackOfFit:
     worst = int(np.argmax(np.abs(apart)))
     more = float(apart[worst] / std[worst])
     share, held, words = _of_cell(fitted.law, path, cells == told[worst], more)
-    if path.recording is not None and len(names) > 1:
-        pull = np.sum(at.derivative[n + told[worst]] * at.innovations[:, :2], axis=1)
-        most = int(np.bincount(path.recording, -np.sign(more) * pull).argmax())
+    if len(names) > 1:
+        most = int(np.argmax(np.sign(more) * at.scores[:, n + told[worst]]))
         words += f', most of all in {names[most]}'
     p = float(stats.chi2.sf(square.sum(), square.size))
     return LackOfFit(p, float(square.mean()), share, held, words)

@@ -20,7 +20,7 @@ from hunt_ros.dynamics.simulation import Kick, simulate
 from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.fit import FittedLaw, law_prior
 from hunt_ros.identification.likelihood.path import Path
-from hunt_ros.identification.likelihood.trajectory_fit import fit_path
+from hunt_ros.identification.likelihood.trajectory_fit import Problem, fit_path, usual_spread
 from hunt_ros.identification.verdict.lack_of_fit import LackOfFit, _of_cell, lack_of_fit
 from hunt_ros.samples import Record
 
@@ -54,7 +54,7 @@ def judged(count: int, beside: Callable[[float, Array], Array] | None = None) ->
     for phasor in seen.T:
         first = np.arange(phasor.size) == 0
         path = Path(STEP * np.arange(phasor.size), HOLDS / SCALES.speed - 1.0, phasor, first)
-        fit = fit_path(path, start, prior)
+        fit = fit_path(Problem(path, prior, (), usual_spread(path)), start)
         found.append(lack_of_fit(FittedLaw(GrowthLaw(fit.law, SCALES), fit)))
     return found
 
