@@ -98,20 +98,24 @@ def test_a_limit_cycle_of_one_amplitude_at_every_speed_asks_for_the_flange(power
     assert bool(asked) is said
 
 
-@pytest.mark.parametrize('seed', [1, 2, 3])
-def test_hunting_against_a_flange_that_is_told_is_hunting_at_another_frequency(seed):
-    clearance = 0.65e-3
+def test_hunting_against_a_flange_that_is_told_is_hunting_at_another_frequency():
+    """Rest beside it shows that it is subcritical, where it lasts for long enough."""
+    clearance, subcritical = 0.65e-3, 0
     profile = made.up_and_down(np.arange(6.0, 8.81, 0.4), 12.0)
     rig = replace(paper_rig(), flange_clearance_m=clearance, flange_stiffness_n_per_m=1e7)
     settings = SimulationSettings(sample_rate_hz=200.0, initial_speed=6.0, broadband=1.5e-5)
-    record = simulate(rig, settings, profile, seed=seed)
-    found = identify(record, IdentificationSettings(flange_clearance_m=clearance))
-    assert found.frequency_hz.value == pytest.approx(2.84, rel=0.2)
-    # Where the envelope is read little of it is left: it is no rest.
-    assert any('flange contact for' in line for line in found.notices)
-    assert found.criticality == 'subcritical'
-    bracket = found.to_json()['bracket']
-    low, high = bracket['coexistence_mps']
-    assert low < 7.0 < high
-    stayed = [event['amplitude_m'] for event in bracket['events'] if event['kind'] == 'stayed']
-    assert max(stayed) > 0.95 * clearance
+    for seed in range(1, 7):
+        record = simulate(rig, settings, profile, seed=seed)
+        found = identify(record, IdentificationSettings(flange_clearance_m=clearance))
+        assert found.frequency_hz.value == pytest.approx(2.84, rel=0.03)
+        # Where the envelope is read little of it is left: it is no rest.
+        assert any('flange contact for' in line for line in found.notices)
+        bracket = found.to_json()['bracket']
+        stayed = [e['amplitude_m'] for e in bracket['events'] if e['kind'] == 'stayed']
+        assert max(stayed) > 0.95 * clearance
+        assert found.criticality in ('subcritical', None)
+        if found.criticality:
+            subcritical += 1
+            low, high = bracket['coexistence_mps']
+            assert low < 7.0 < high
+    assert subcritical >= 3  # of 24 other seeds 17 are

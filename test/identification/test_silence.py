@@ -171,7 +171,7 @@ def test_bad_input_is_refused_in_a_line_or_every_null_has_its_reason(outcome, na
         ('ten samples', 'ten: 10 lateral samples'),
         ('dropped out', 'no finite sample'),
         ('nine of ten dropped out', 'drop-outs'),
-        ('speed zero', 'speed is 0 throughout'),
+        ('speed zero', '0.00 m/s while the encoder turns'),
         ('speed NaN', "'speed' has no finite sample"),
         ('constant lateral', 'lateral is 0.0001 m throughout'),
         ('yaw only', "no channel 'lateral'"),

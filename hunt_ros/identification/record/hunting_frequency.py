@@ -7,13 +7,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from hunt_ros.estimation.record_motion import Motion, motion_of
 from hunt_ros.identification.record.channels import Channels
-from hunt_ros.identification.record.envelope import Envelope, envelope_of
+from hunt_ros.identification.record.envelope import STEP_CYCLES, Envelope, envelope_of
 from hunt_ros.identification.record.lines import free_of_lines
-from hunt_ros.identification.record.screening import Stretch
+from hunt_ros.identification.record.screening import Stretch, without_contact
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import NANOSECONDS, Record, Series
 
@@ -23,6 +24,7 @@ _MOST_S = 7200.0
 #: turns by less than half a turn up to twice the frequency of the frame, and down to zero. That of
 #: a wheelset goes with the speed.
 _FIRST_STEP_CYCLES = 0.5
+_STEPS = round(STEP_CYCLES / _FIRST_STEP_CYCLES)
 
 
 Array = NDArray[np.float64]
@@ -86,8 +88,9 @@ def tracked_envelope(
     record = record.averaged(frequency_hz)
     constant = np.full(record.time.size, frequency_hz)
     lines = settings.orders, fixed_hz, turning
-    # The first pass needs the turning alone.
-    free, _ = free_of_lines(replace(record, yaw=None), constant, *lines)
+    # The first pass needs the turning alone, of motion that no flange turns back.
+    loose = without_contact(replace(record, yaw=None), settings)
+    free, _ = free_of_lines(loose, constant, *lines)
     first = envelope_of(free, constant, step_cycles=_FIRST_STEP_CYCLES)
     offset, along = _frequency_offset(first), np.full(record.time.size, frequency_hz)
     if offset is not None:
@@ -102,21 +105,24 @@ def _frequency_offset(envelope: Envelope) -> Array | None:
     """Frequency against the frame, Hz, by regression on speed and amplitude squared; (n,)."""
     z, step, speed = envelope.phasor, envelope.step, envelope.speed
     turned = z[1:] * np.conj(z[:-1])
-    good = np.isfinite(turned)
-    if good.sum() < 6:
+    if np.isfinite(turned).sum() < 6:
         return None
-    # One global turn first, so that the rest does not wrap.
-    common = float(np.angle(np.sum(turned[good])))
-    angle = np.angle(turned[good] * np.exp(-1j * common))
+    # One global turn first, so that the rest does not wrap; then over the distance of windows that
+    # tell apart, of which the steps only count the turns.
+    common = float(np.angle(np.nansum(turned)))
+    turns = sliding_window_view(np.angle(turned * np.exp(-1j * common)), _STEPS).sum(axis=1)
+    size = np.sqrt(np.abs(z[_STEPS:] * z[:-_STEPS]))
+    good = np.isfinite(turns)
     u = (speed - np.mean(speed)) / max(float(np.ptp(speed)), 1e-9)
     power = np.nan_to_num(np.abs(z) ** 2)
     w = power / max(float(power.max()), 1e-300)
     moves = np.ptp(speed) > 1e-3 * np.mean(np.abs(speed))
     basis = np.stack([np.ones_like(u), *([u, u**2] if moves else []), w, w**2], axis=1)
-    root = np.sqrt(np.abs(turned[good]))
+    root = size[good]
     # The ridge keeps columns the record does not move from inventing a frequency.
     ridge = 1e-3 * root.sum() / np.sqrt(root.size) * np.eye(basis.shape[1])
-    rows = np.concatenate([0.5 * (basis[1:] + basis[:-1])[good] * root[:, None], ridge])
-    wanted = np.concatenate([angle * root, np.zeros(basis.shape[1])])
+    middle = 0.5 * (basis[_STEPS:] + basis[:-_STEPS])[good]
+    rows = np.concatenate([middle * root[:, None], ridge])
+    wanted = np.concatenate([turns[good] / _STEPS * root, np.zeros(basis.shape[1])])
     offset: Array = common + basis @ np.linalg.lstsq(rows, wanted, rcond=None)[0]
     return offset / (2.0 * np.pi * step)
