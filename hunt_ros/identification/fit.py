@@ -113,7 +113,7 @@ def fit_law(
 
 
 def _fit_paper(problem: Problem, scales: GrowthScales, v_c: float | None) -> TrajectoryFit:
-    """Fit the paper's form, from a law of either criticality at the observed speed."""
+    """Fit the paper's form, from laws of either criticality about the observed speed."""
     path = problem.path
     step = float(np.median(np.diff(path.time)))
     change = np.abs(np.diff(path.phasor))
@@ -121,8 +121,15 @@ def _fit_paper(problem: Problem, scales: GrowthScales, v_c: float | None) -> Tra
     noise = np.log([max(0.3 * usual / step, 1e-12), max(0.3 * usual, 1e-12), 1e-3])
     # From broad to narrow: under little noise the hills are too steep to find the highest.
     noise = np.concatenate([[0.0, 0.0], np.maximum(noise, _BROAD)])
-    u = v_c / scales.speed - 1.0 if v_c else float(np.quantile(path.u, 0.75))
-    shapes = np.array([(-u, 1.0, 0.0, 1.0, 0.0, -1.0), (-u, 1.0, 0.0, -1.0, 0.0, 0.0)])
+    # The likelihood has more than one hill, and what is climbed hangs on the side.
+    speed = v_c or scales.speed * (1.0 + float(np.quantile(path.u, 0.75)))
+    shapes = np.array(
+        [
+            (1.0 - part * speed / scales.speed, 1.0, 0.0, *rest)
+            for part in (0.9, 1.0, 1.1)
+            for rest in ((1.0, 0.0, -1.0), (-1.0, 0.0, 0.0))
+        ]
+    )
     laws = [np.concatenate([lawful(law), noise]) for law in scales.frequency_hz * shapes]
     starts = [fit_path(problem, law, 8) for law in laws]
     best = max(starts, key=lambda one: one.log_likelihood)
