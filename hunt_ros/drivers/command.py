@@ -18,6 +18,8 @@ from hunt_ros.dynamics.profile.run import ProfileRun
 from hunt_ros.rig import of_rig
 from hunt_ros.settings import Settings, setting
 
+#: A drive that answers late, or is opened again, holds a set point up for so long, s.
+_HELD_UP_S = 1.0
 #: The jerk limit is kept in steps of this, s.
 _SUBSTEP_S = 0.01
 _limit = partial(setting, fixed=True, low=0.001, high=100.0, unit='m/s2')
@@ -53,8 +55,8 @@ class RollerCommand:
     limits : DriveLimits
         Acceleration, jerk, ceiling; may be replaced at any time.
     longest_step_s : float
-        More than this never passes between two calls, but on the way down of a forced set
-        point; a longer gap, as of a process that was stopped, counts as this, s.
+        More than this never passes between two calls; a longer gap, as of a process that was
+        stopped, counts as this, s. On the way down of a forced set point it is a second.
 
     Attributes
     ----------
@@ -219,7 +221,8 @@ class RollerCommand:
                 self.forced_mps = min(self.forced_mps, before)
             if self.stopped or math.isnan(before):
                 return self.forced_mps if self.stopped else None
-            fallen = self.limits.safe_deceleration_mps2 * max(passed_s, 0.0)
+            passed_s = min(max(passed_s, 0.0), max(self._longest_s, _HELD_UP_S))
+            fallen = self.limits.safe_deceleration_mps2 * passed_s
             return max(self.forced_mps, min(before, self._begin_mps) - fallen)
         if math.isnan(before):
             return None

@@ -78,6 +78,15 @@ def test_an_emergency_stop_is_not_ramped_and_never_speeds_the_roller_up() -> Non
     assert _command().trip(2.0, math.nan, stop=True) == 2.0
 
 
+def test_after_a_pause_of_the_process_the_way_down_is_no_leap() -> None:
+    """But it goes on over the time for which a drive that answers late may hold one up."""
+    command = _command()
+    command.trip(2.0, 8.0)
+    command.taken(8.0)
+    assert command.next(0.8, 8.0) == pytest.approx(7.2)
+    assert command.next(5.0, 8.0) == pytest.approx(7.0)
+
+
 def test_a_climb_does_not_go_on_behind_a_trip() -> None:
     command = _command(Climb(0.5, 2.0))
     seen = Motion(amplitude_m=0.0, held_mps=0.5, held_s=3.0)
