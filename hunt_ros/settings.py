@@ -141,7 +141,9 @@ def yaml_document(text: str, source: str) -> Any:
     """
     try:
         return yaml.load(text, _Loader)
-    except (yaml.YAMLError, RecursionError) as error:
+    except RecursionError as error:
+        raise ConfigError(f'{source}: nested too deeply to be read') from error
+    except yaml.YAMLError as error:
         raise ConfigError(f'{source}: not YAML ({" ".join(str(error).split())})') from error
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import os
 import signal
-import socket
-import threading
-import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
+from made import install_driver
 from sensor_msgs.msg import JointState
 
 from hunt_ros.drivers.simulated import Channel
@@ -85,19 +85,39 @@ def test_a_stopped_sensor_leaves_its_backlog_out_and_is_well_again_a_second_late
     assert not late, 'old samples come too late for everybody'
 
 
-def test_hardware_that_is_not_there_is_tried_again_less_and_less_often(graph) -> None:
-    """Three waits of 0.5, 1 and 2 s; without a back-off they would be 1.5 s together."""
-    tried_s: list[float] = []
-    with socket.create_server(('127.0.0.1', graph.port)) as server:
+ABSENT = """
+import time
 
-        def refuse() -> None:
-            while len(tried_s) < 4:
-                server.accept()[0].close()
-                tried_s.append(time.monotonic())
+from hunt_ros.drivers.base import SensorDriver
+from hunt_ros.errors import DriverError
+from hunt_ros.settings import Settings
 
-        thread = threading.Thread(target=refuse, daemon=True)
-        thread.start()
-        graph.start('lateral_sensor', port=graph.port)
-        graph.spin_until(lambda: len(tried_s) == 4)
-        thread.join()
-    assert tried_s[-1] - tried_s[0] > 2.5
+
+class Sensor(SensorDriver):
+    Settings = Settings
+
+    def open(self):
+        with open('tried', 'a') as file:
+            print(time.monotonic(), file=file)
+        raise DriverError('it is not there')
+
+    def read(self, timeout_s):
+        raise DriverError('it is not there')
+
+    def close(self):
+        pass
+"""
+
+
+def test_hardware_that_is_not_there_is_tried_again_less_and_less_often(
+    graph, tmp_path, monkeypatch
+) -> None:
+    """Three waits of 0.5, 1 and 2 s; without a back-off they would be 0.75 s together."""
+    install_driver(tmp_path, 'absent', ABSENT)
+    monkeypatch.setenv('PYTHONPATH', f'{Path(__file__).parents[2]}{os.pathsep}{tmp_path}')
+    monkeypatch.chdir(tmp_path)
+    graph.start('lateral_sensor', driver='absent')
+    tried = tmp_path / 'tried'
+    graph.spin_until(lambda: tried.exists() and tried.read_text().count('\n') == 4)
+    times_s = [float(line) for line in tried.read_text().split()][:4]
+    assert times_s[-1] - times_s[0] > 2.5
