@@ -26,7 +26,7 @@ from hunt_ros.identification.record.events import (
     undamped_chance,
 )
 from hunt_ros.identification.record.segments import Run
-from hunt_ros.samples import as_json, plain
+from hunt_ros.samples import as_json
 
 Bounds = tuple[float | None, float | None]
 
@@ -50,8 +50,7 @@ class Bracket:
     began : float or None
         Lowest speed at which hunting began out of rest, unkicked, m/s.
     coexistence : (float, float) or None
-        Speeds over which rest and a limit cycle were both seen, m/s: the rig is subcritical. Rest
-        must show its damping, or a kick smaller than the limit cycle must have died.
+        Speeds over which rest and a limit cycle were both seen, m/s: the rig is subcritical.
     unstable : tuple of (float, float, float)
         Speed, m/s, and the amplitudes between which the unstable limit cycle lies there, m;
         NaN for a side that nothing bounds.
@@ -80,9 +79,9 @@ class Bracket:
             at = f'{low:.4g}' if high - low < ONE_SPEED * high else f'{low:.4g} to {high:.4g}'
             rest, cycle = self.why['rest'], self.why['stayed']
             lines.append(
-                f'seen: subcritical: {_words(rest)} and a limit cycle'
-                f' ({1e3 * cycle.amplitude:.3g} mm, {cycle.seconds:.3g} s at {_at(cycle)} m/s)'
-                f' at {at} m/s'
+                f'seen: subcritical: rest ({rest.seconds:.3g} s at {_at(rest)} m/s) and a limit'
+                f' cycle ({1e3 * cycle.amplitude:.3g} mm, {cycle.seconds:.3g} s at'
+                f' {_at(cycle)} m/s) at {at} m/s'
             )
         reasons = [_words(self.why[k]) for k in ('v_n_above', 'v_n_below') if k in self.why]
         if reasons:
@@ -111,8 +110,8 @@ class Bracket:
         if not why.damped:
             return _words(why)
         words = (
-            f'{_words(why)} ({plain(1e6 * why.amplitude, 2)} um; without damping the forcing'
-            f' there makes it more than {plain(1e6 * why.undamped, 2)} um in 99 of 100 cases)'
+            f'{_words(why)} ({1e6 * why.amplitude:.2g} um; without damping the forcing there makes'
+            f' it more than {1e6 * why.undamped:.2g} um in 99 of 100 cases)'
         )
         rests = [event for event in self.events if event.damped]
         if len(rests) == len(self.events) > 1:
@@ -268,13 +267,9 @@ def _bounds(events: Sequence[Event], top: float) -> Bracket:
         why['v_n_above'] = max(beyond, key=lambda e: e.speed_low)
     if kinds['stayed']:
         why['v_n_below'] = min(kinds['stayed'], key=lambda e: e.speed_low)
-    # Another kick may end a motion as well: rest follows where it died.
-    dying = [
-        e
-        for e in kinds['died']
-        if math.isfinite(e.kick) and any(_follows(rest, e) for rest in kinds['rest'])
-    ]
-    if resting := [*(e for e in kinds['rest'] if e.damped), *dying]:
+    resting = [e for e in kinds['rest'] if e.damped]
+    resting += [e for e in kinds['died'] if math.isfinite(e.kick)]
+    if resting:
         why['v_c_above'] = max(resting, key=lambda e: e.speed_low)
     coexistence = None
     if kinds['rest'] and kinds['stayed']:
@@ -286,13 +281,7 @@ def _bounds(events: Sequence[Event], top: float) -> Bracket:
             for e in kinds['rest']
             if e.speed_high >= cycle.speed_low and e.spread[1] < 0.5 * cycle.spread[0]
         ]
-        if not resting or undamped_chance(resting) >= 0.01:
-            resting = []
-        # What a kick began and died is a state of rest as well.
-        resting += [
-            e for e in dying if cycle.speed_low <= e.speed_high and e.amplitude < cycle.spread[0]
-        ]
-        if resting:
+        if resting and undamped_chance(resting) < 0.01:
             rest = max(resting, key=lambda e: e.speed_high)
             coexistence = (cycle.speed_low, rest.speed_high)
             why |= {'rest': rest, 'stayed': cycle}
@@ -308,12 +297,6 @@ def _bounds(events: Sequence[Event], top: float) -> Bracket:
     v_c = why['v_c_above'].speed_low * (1.0 - 0.5 * ONE_SPEED) if 'v_c_above' in why else None
     unstable = tuple(_unstable(kinds, high))
     return Bracket(tuple(events), (low, high), v_c, began, coexistence, unstable, why)
-
-
-def _follows(rest: Event, died: Event) -> bool:
-    """Return True for rest that another event has left behind it."""
-    after_s = 1e-9 * (rest.start_ns - died.end_ns)
-    return rest.source == died.source and 0.0 <= after_s < rest.seconds
 
 
 def _unstable(

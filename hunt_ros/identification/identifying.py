@@ -277,9 +277,7 @@ def _hunting_frequency(
     lines = RecordLines(list(motions), FREQUENCIES_HZ, known)
     frequency = settings.hunting_frequency_hz or lines.strongest_hz
     if not frequency:
-        raise IdentificationError(
-            'no stretch of the lateral channel is free of drop-outs and sampled often enough'
-        )
+        raise IdentificationError('no stretch of the lateral channel is free of drop-outs')
     forced = []
     for line in lines.unknown():
         at = [line.frequency_hz, *(line.turns_per_metre * one.speed for one in stretches)]

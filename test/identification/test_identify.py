@@ -434,7 +434,7 @@ def test_a_wing_that_rests_and_cycles_at_one_speed_is_subcritical_by_what_was_se
         records.append(Record(channels, name))
     result = identify(records, IdentificationSettings(lines=(), hunting_frequency_hz=4.0))
     first = describe(result).splitlines()[:5]
-    assert 'subcritical: rest for ' in first[0]
+    assert 'subcritical: rest (' in first[0]
     assert 'limit cycle (' in first[0]
     assert first[1].startswith('seen: v_n between ')
     assert 'died out at' in first[1]
