@@ -23,7 +23,6 @@ from hunt_ros.identification.record.events import (
     SMALLEST,
     Event,
     events_of,
-    undamped_chance,
 )
 from hunt_ros.identification.record.segments import Run
 from hunt_ros.samples import as_json
@@ -274,14 +273,13 @@ def _bounds(events: Sequence[Event], top: float) -> Bracket:
     coexistence = None
     if kinds['rest'] and kinds['stayed']:
         cycle = why['v_n_below']
-        # Two states at one speed keep apart; what wanders between them is one. What has not rested
-        # for long enough to show damping may be growth that has not come out of the noise.
+        # Two states at one speed keep apart; what wanders between them is one.
         resting = [
             e
             for e in kinds['rest']
             if e.speed_high >= cycle.speed_low and e.spread[1] < 0.5 * cycle.spread[0]
         ]
-        if resting and undamped_chance(resting) < 0.01:
+        if resting:
             rest = max(resting, key=lambda e: e.speed_high)
             coexistence = (cycle.speed_low, rest.speed_high)
             why |= {'rest': rest, 'stayed': cycle}

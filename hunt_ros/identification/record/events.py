@@ -8,13 +8,13 @@ before it can have grown was kicked.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import stats
 
 from hunt_ros.analysis.steady_state import ABOVE_NOISE
 from hunt_ros.identification.record.channels import runs
@@ -108,41 +108,6 @@ class Event:
     def to_json(self) -> dict[str, Any]:
         """Return the entry of `bracket.events`."""
         return {**as_json(self), 'speed_mps': [self.speed_low, self.speed_high]}
-
-
-def undamped_chance(rests: Sequence[Event]) -> float:
-    """
-    Return the chance that motion without damping stays as small as it was in some rest.
-
-    Parameters
-    ----------
-    rests : sequence of Event
-        Rest; what follows another one at once is one rest with it.
-
-    Returns
-    -------
-    float
-        Of each rest by the law of `_UNDAMPED`, as a series of reflections; of all by Fisher's
-        (R. A. Fisher, Statistical Methods for Research Workers (1932), 21.1).
-    """
-    ordered = sorted(rests, key=lambda rest: (rest.source, rest.start_ns))
-    joined: list[list[Event]] = []
-    for rest in ordered:
-        last = joined[-1][-1] if joined else rest
-        # One instant of an envelope is a sixth of the shortest rest behind the other.
-        apart = 5e-9 * (rest.start_ns - last.end_ns)
-        if rest.source != last.source or not 0.0 < apart < min(rest.seconds, last.seconds):
-            joined.append([])
-        joined[-1].append(rest)
-    total = 0.0
-    for parts in joined:
-        size = np.average([x.amplitude**2 for x in parts], weights=[x.seconds for x in parts])
-        gathered = sum(x.undamped**2 for x in parts) / _UNDAMPED
-        odd = np.arange(1.0, 18.0, 2.0)  # a series of alternating signs that ends above its sum
-        terms = special.erfc(odd * math.sqrt(0.5 * gathered / max(float(size), 1e-300)))
-        chance = 2.0 * float(terms[::2].sum() - terms[1::2].sum())
-        total -= 2.0 * math.log(min(max(chance, 1e-300), 1.0))
-    return float(stats.chi2.sf(total, 2 * len(joined)))
 
 
 def _is_one(speed: Array) -> bool:
