@@ -53,8 +53,8 @@ class ConsoleNode(SuiteNode):
 
 
 def _print(topic: str, message: DiagnosticArray) -> None:
-    stamp_ns = to_ns(message.header.stamp)
-    _write({**read_diagnostic(message), 'topic': topic, 'stamp_ns': stamp_ns})
+    ours = {'topic': topic, 'stamp_ns': to_ns(message.header.stamp)}
+    _write(ours | read_diagnostic(message) | ours)  # first in the line, and whatever it says
 
 
 def _print_text(topic: str, message: String) -> None:
