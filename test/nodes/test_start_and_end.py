@@ -78,6 +78,18 @@ def test_a_node_that_imports_says_so_and_ends_without_a_traceback(graph, number)
     assert all(re.fullmatch(ended, line) for line in rest), rest
 
 
+@pytest.mark.parametrize('reach', ['LOCALHOST', 'SUBNET'])
+def test_nodes_share_no_memory_which_whoever_comes_or_goes_would_hold_up(
+    graph, monkeypatch, reach
+) -> None:
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', reach)
+    process = graph.start('bag_recorder')
+    graph.spin_until(
+        lambda: ('bag_recorder', '/rig') in graph.node.get_node_names_and_namespaces()
+    )
+    assert '/dev/shm/fastrtps' not in Path(f'/proc/{process.pid}/maps').read_text()
+
+
 def test_a_node_that_waits_for_its_hardware_ends(graph) -> None:
     graph.start('roller_speed', port=graph.port)  # where nobody answers
     graph.spin_until(

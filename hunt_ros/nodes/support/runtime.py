@@ -15,6 +15,7 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import rclpy
 from rclpy.context import Context
@@ -22,6 +23,7 @@ from rclpy.duration import Duration
 from rclpy.exceptions import InvalidParameterValueException, ParameterException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import get_rmw_implementation_identifier as rmw_identifier
 
 from hunt_ros.errors import HuntError
 from hunt_ros.nodes.support.ending import CLOSING_S, Ending
@@ -29,6 +31,9 @@ from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import refuse_unknown
 from hunt_ros.suite import AGAIN
 
+#: Who sets one of these has chosen how Fast DDS talks; the files are those of versions 2 and 3.
+_TRANSPORTS = 'FASTDDS_BUILTIN_TRANSPORTS'
+_PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 _SPIN_S = 0.05
 #: The system signals the death of who started this process before all its threads have gone, and
 #: only then is it seen, s.
@@ -73,6 +78,7 @@ def run(
     # ROS that finds no place for its log does not start; one that it had may be gone since.
     if AGAIN in os.environ or not {'HOME', 'ROS_LOG_DIR'} & {*os.environ}:
         os.environ['ROS_LOG_DIR'] = tempfile.gettempdir()
+    _share_no_memory()
     words = None if arguments is None else list(arguments)
     try:
         rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
@@ -119,6 +125,24 @@ def run(
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _share_no_memory() -> None:
+    """
+    Have Fast DDS talk by UDP alone, which costs no more, unless the user has chosen.
+
+    In its shared memory nobody hears anybody for 0.33 s when a program comes or goes (a third of
+    its health check of a port), and the interlock trips. `LOCALHOST` has shared memory whatever is
+    asked for (`rmw_fastrtps`): the profile does the rest of what it does.
+    """
+    told = os.environ
+    if {_TRANSPORTS, *_PROFILES} & told.keys() or 'fastrtps' not in rmw_identifier():
+        return
+    if told.get('ROS_AUTOMATIC_DISCOVERY_RANGE') != 'LOCALHOST':
+        told[_TRANSPORTS] = 'UDPv4'
+    elif 'ROS_STATIC_PEERS' not in told:
+        told['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
+        told.update(dict.fromkeys(_PROFILES, str(Path(__file__).with_name('this_host.xml'))))
 
 
 def _raise_failures(nodes: Sequence[SuiteNode]) -> None:
