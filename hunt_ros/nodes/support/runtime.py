@@ -15,6 +15,7 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from importlib.metadata import version
 from pathlib import Path
 
 import rclpy
@@ -31,9 +32,11 @@ from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import refuse_unknown
 from hunt_ros.suite import AGAIN
 
-#: Who sets one of these has chosen how Fast DDS talks; the files are those of versions 2 and 3.
+#: Who sets one of these has chosen how Fast DDS talks. Kilted begins with version 3, which has
+#: another name for the file.
 _TRANSPORTS = 'FASTDDS_BUILTIN_TRANSPORTS'
-_PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+_KILTED = int(version('rclpy').partition('.')[0]) >= 9
+_PROFILE = f'{"FASTDDS" if _KILTED else "FASTRTPS"}_DEFAULT_PROFILES_FILE'
 _SPIN_S = 0.05
 #: The system signals the death of who started this process before all its threads have gone, and
 #: only then is it seen, s.
@@ -136,13 +139,13 @@ def _share_no_memory() -> None:
     asked for (`rmw_fastrtps`): the profile does the rest of what it does.
     """
     told = os.environ
-    if {_TRANSPORTS, *_PROFILES} & told.keys() or 'fastrtps' not in rmw_identifier():
+    if {_TRANSPORTS, _PROFILE} & told.keys() or 'fastrtps' not in rmw_identifier():
         return
     if told.get('ROS_AUTOMATIC_DISCOVERY_RANGE') != 'LOCALHOST':
         told[_TRANSPORTS] = 'UDPv4'
     elif 'ROS_STATIC_PEERS' not in told:
         told['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
-        told.update(dict.fromkeys(_PROFILES, str(Path(__file__).with_name('this_host.xml'))))
+        told[_PROFILE] = str(Path(__file__).with_name('this_host.xml'))
 
 
 def _raise_failures(nodes: Sequence[SuiteNode]) -> None:
