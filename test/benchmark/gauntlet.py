@@ -5,8 +5,9 @@ The gauntlet: the real `hunt run` on a rig that outlives it, and whatever may ha
 
 Each scenario has a number, and is the same one again under that number, but for what the machine
 makes of it: `--first N --scenarios 1`. The rig is a process of its own (`gauntlet_rig`), the
-observer is `gauntlet_judge`. All of it runs in a network namespace of its own, in real time: the
-guards count on the steady clock. A scenario in which the machine let the suite wait for too long
+observer is `gauntlet_judge`. Programs of others come and go all the time, as `ros2 topic list`
+does. All of it runs in a network namespace of its own, in real time: the guards count on the
+steady clock. A scenario in which the machine let the suite wait for too long
 is not judged, and counted. In one of eight, where there is a C compiler, the clock of the machine
 is set: for the suite (`set_clock.c`), and for what the rig stamps.
 """
@@ -57,6 +58,15 @@ _CALLS = ('speed/start_profile', 'speed/stop_profile', 'speed/resume_profile', '
 _CALLS += ('speed/emergency_stop', 'hunting/acknowledge_alarm', 'recording/stop')
 _CALLS += ('recording/start', 'recording/split', 'identify', 'hunting/accept_normal_form')
 _CALLS += ('hunting/revert_normal_form', 'alarm/test', 'disarm', 'arm')
+_VISITOR = """
+import random, rclpy, time
+while True:
+    rclpy.init()
+    rclpy.create_node('visitor')
+    time.sleep(random.uniform(0.2, 2.0))
+    rclpy.shutdown()
+    time.sleep(random.uniform(0.2, 2.0))
+"""
 RIG = """
 /**: {{ros__parameters: {{rig_name: simulated, channels: [lateral, yaw, roller, speed],
   roller_diameter_m: 0.3, speed_ceiling_mps: 12.0, flange_clearance_m: 0.008}}}}
@@ -576,6 +586,7 @@ def main() -> None:
     path = arguments.results
     if path and path.exists():
         results = [json.loads(line) for line in path.read_text().splitlines()]
+    subprocess.Popen([sys.executable, '-c', _VISITOR])  # the end of the namespace is its own
     for number in range(arguments.first, arguments.first + arguments.scenarios):
         result = one(number, arguments.patience, operator, truth)
         results.append(result)
