@@ -59,7 +59,7 @@ def branches(identified: IdentifiedNormalForm, words: Words) -> Mapping[str, Any
 
     return {
         'words': identified.words,
-        'shown': words.text(identified.words),
+        'shown': words.in_unit(identified.words),
         'v_c': words.speed(v_c),
         'v_c_std': words.speed(std) if std > 0.0 else None,
         'v_n': None if known is None else words.speed(known),

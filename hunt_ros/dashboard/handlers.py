@@ -174,7 +174,7 @@ class FolderHandler(Handler):
             if what == 'recordings.json':
                 said = await _beside(recordings.listing)
                 for form in filter(None, (row['form'] for row in said['recordings'])):
-                    form['words'] = self.site.words.text(form['words'])
+                    form['words'] = self.site.words.in_unit(form['words'])
                 self.set_header('Content-Type', 'application/json')
                 self.finish(json.dumps(said, allow_nan=False))
                 return
@@ -273,4 +273,4 @@ class CommandHandler(Handler):
         async with contextlib.nullcontext() if word == 'emergency-stop' else self.site.asking:
             done, message, *_ = await asyncio.wrap_future(self.site.command(word, words))
         self.set_header('Content-Type', 'application/json')
-        self.finish(json.dumps({'done': done, 'message': self.site.words.text(message)}))
+        self.finish(json.dumps({'done': done, 'message': self.site.words.in_unit(message)}))

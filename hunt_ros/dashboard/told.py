@@ -90,7 +90,7 @@ class Told:
                 'event': event.get('event', event.get('name', '')),
                 'level': event.get('level', 'STALE'),
                 'words': sentence(event.get('event', event.get('name', ''))),
-                'cause': self.words.text(event.get('message', '')),
+                'cause': self.words.in_unit(event.get('message', '')),
                 'speed': self.words.speed(number_of(event, 'speed_mps')),
             }
         )
@@ -107,7 +107,7 @@ class Told:
             history = json.loads(text)
             alarms = [dict(alarm) for alarm in history['alarms']][-_ALARMS:]
             for alarm in alarms:
-                alarm['cause'] = self.words.text(alarm['cause'])
+                alarm['cause'] = self.words.in_unit(alarm['cause'])
         except (ValueError, KeyError, TypeError, AttributeError):
             return
         self._said['alarms'] = list(reversed(alarms))
@@ -164,7 +164,7 @@ class Told:
         """Return what the detector says, or that it is silent."""
         status = self._status
         silent_s = now_s - self._status_s
-        level, why = status.get('level', 'STALE'), self.words.text(status.get('message', ''))
+        level, why = status.get('level', 'STALE'), self.words.in_unit(status.get('message', ''))
         replay = self._shown_replay(now_s)
         # What is published with the stamps of a slow replay comes slowly, and of a pause not.
         pace = 1.0 if replay is None else min(1.0, replay['rate'])
@@ -185,7 +185,7 @@ class Told:
             'region': 'unknown' if silent else status.get('region', 'unknown'),
             'alarm': status.get('alarm') == 'True',
             'absent': status.get('absent', ''),
-            'clearance': '' if silent else self.words.text(status.get('clearance', '')),
+            'clearance': '' if silent else self.words.in_unit(status.get('clearance', '')),
             'since_s': None if silent else known(number_of(status, 'since_s')),
             'stamp_s': round(self._stamp_s, 3),
             'speed': self.words.speed(number_of(status, 'speed_mps')),
@@ -240,7 +240,7 @@ class Told:
         return {
             'silent': silent,
             'level': told.get('level', 'STALE'),
-            'message': self.words.text(told.get('message', '')),
+            'message': self.words.in_unit(told.get('message', '')),
             'speed': self.words.speed(number_of(told, 'speed_mps')),
             'target': self.words.speed(number_of(told, 'target_mps')),
             'profile': told.get('profile', ''),
@@ -250,8 +250,8 @@ class Told:
             'progress': round(elapsed / whole, 4) if whole > 0.0 else None,
             'interlock': told.get('interlock', ''),
             'interlock_state': told.get('interlock_state', ''),
-            'interlock_cause': self.words.text(told.get('interlock_cause', '')),
-            'alarm_kept': self.words.text(told.get('alarm_kept', '')),
+            'interlock_cause': self.words.in_unit(told.get('interlock_cause', '')),
+            'alarm_kept': self.words.in_unit(told.get('alarm_kept', '')),
             'emergency_stop': told.get('emergency_stop', '').lower() == 'true',
             'safe_speed': self.words.speed(number_of(told, 'safe_speed_mps')),
             'speed_ceiling': self.words.speed(number_of(told, 'speed_ceiling_mps')),
@@ -271,7 +271,7 @@ class Told:
                     'name': name,
                     'silent': silent,
                     'level': 'STALE' if silent else health.get('level', 'STALE'),
-                    'message': self.words.text(said),
+                    'message': self.words.in_unit(said),
                     'rate_hz': known(rate),
                 }
             )

@@ -14,10 +14,7 @@ from collections.abc import Mapping
 
 from hunt_ros.rig import SPEED_UNITS
 from hunt_ros.samples import Uncertain, known, number_of
-from hunt_ros.services import SERVICES
 
-#: What an operator is told in place of the names of services.
-_BUTTONS = {service.name: word.replace('-', ' ') for word, service in SERVICES.items()}
 _NUMBER = r'(?<![\w.])\d+(?:\.\d+)?(?:e[+-]?\d+)?'
 #: A speed in a sentence: a number, one with its deviation, a range, or one with its interval.
 _SPEEDS = re.compile(
@@ -49,12 +46,6 @@ class Words:
     def speed(self, mps: float) -> float | None:
         """Return a speed, m/s, in the unit that is shown; None where it is not known."""
         return known(self.factor * mps)
-
-    def text(self, words: str) -> str:
-        """Return a sentence of a node with buttons for services, see also `in_unit`."""
-        for name, button in _BUTTONS.items():
-            words = words.replace(f'call {name}', f'press {button}').replace(name, button)
-        return self.in_unit(words)
 
     def in_unit(self, words: str) -> str:
         """Return a sentence with the speeds in it, m/s, in the unit that is shown."""

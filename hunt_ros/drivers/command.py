@@ -161,7 +161,7 @@ class RollerCommand:
     def _refusal(self) -> str:
         """Why nothing but a forced set point reaches the drive; '' where that is not so."""
         why = 'emergency stop is in force' if self.stopped else 'the interlock has tripped'
-        return f'{why}: call speed/rearm first' if self.forced else ''
+        return f'{why}: rearm it first (hunt call rearm)' if self.forced else ''
 
     def trip(self, speed_mps: float, measured_mps: float, stop: bool = False) -> float:
         """

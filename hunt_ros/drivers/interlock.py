@@ -409,7 +409,7 @@ class Interlock:
     def refusal(self, now_ns: int) -> str:
         """Return '' or why no profile may be started or resumed."""
         if self.state == 'tripped':
-            return f'the interlock has tripped ({self.cause}): call speed/rearm first'
+            return f'the interlock has tripped ({self.cause}): rearm it first (hunt call rearm)'
         words = self.trouble(now_ns).words if self.state == 'armed' else ''
         return f'interlock ({self.settings.interlock}): {words}' if words else ''
 
@@ -436,7 +436,7 @@ class Interlock:
         if words:
             return None, (
                 f'the interlock stays tripped, its cause is not over: {words};'
-                ' to go on without it, disarm it (speed/arm_interlock false)'
+                ' to go on without it, disarm it (hunt call disarm-interlock)'
             )
         state = 'disarmed' if self.settings.interlock == 'off' else 'armed'
         return self._to(state, f'{state} again by {who or _SOMEBODY}', now_ns), ''
@@ -446,7 +446,7 @@ class Interlock:
         if armed and self.settings.interlock == 'off':
             return None, 'the parameter interlock is off: set it to protect or measure first'
         if armed and self.state == 'tripped':
-            return None, 'the interlock has tripped: call speed/rearm'
+            return None, 'the interlock has tripped: rearm it (hunt call rearm)'
         if armed == (self.state != 'disarmed'):
             return None, ''
         if armed:

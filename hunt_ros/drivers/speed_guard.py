@@ -376,10 +376,9 @@ class SpeedGuard:
             interlock, command = self.interlock, self.command
             level, words = self.trouble()
             if command.forced:
-                tripped = f'interlock tripped: {interlock.cause}'
-                said = (
-                    'emergency stop is in force until speed/rearm' if command.stopped else tripped
-                )
+                said = f'interlock tripped: {interlock.cause}'
+                if command.stopped:
+                    said = 'emergency stop is in force until rearmed (hunt call rearm)'
                 if words:
                     said += '; the safe set point is sent again and again'
                 if (more := words or interlock.fault) and more != interlock.cause:

@@ -222,7 +222,9 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         command, profile = self._guard.command, self._guard.command.profile
         if config.profile != self._config.profile:
             if command.state == 'running':
-                raise ConfigError('profile: one is running, call speed/stop_profile first')
+                raise ConfigError(
+                    'profile: one is running, stop it first (hunt call stop-profile)'
+                )
             if config.profile:
                 profile = _read_in_time(config.profile)
                 self._parsed = config.profile, profile
@@ -282,10 +284,8 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         for _, stamps_ns, values, _ in self._lateral.take():
             samples = list(zip(stamps_ns.tolist(), values.tolist(), strict=True))
             self._guard.displacement.take(now_s, samples)
-        change = None if self._left else self._guard.watch(self._steady_ns(), self._profile_ns())
-        if change is not None:
-            goal_mps = self._guard.command.forced_mps
-            self._tell(change, f'; the roller goes to {goal_mps:.2f} m/s until speed/rearm')
+        if not self._left:
+            self._tell(self._guard.watch(self._steady_ns(), self._profile_ns()))
 
     def _connection(self) -> tuple[str, str]:
         """Return level and words of what is wrong with the connection, as the guard wants them."""
@@ -306,7 +306,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
     def _steady_ns(self) -> int:
         return self._steady.now().nanoseconds
 
-    def _tell(self, change: Change | None, consequence: str = '') -> None:
+    def _tell(self, change: Change | None) -> None:
         """Publish a transition of the interlock, and log it."""
         if change is None:
             return
@@ -314,7 +314,10 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         self._since_ns = now_ns
         since_ns = now_ns - (self._steady_ns() - change.since_ns)
         level = _LEVELS[self._guard.interlock.state]
-        cause = change.cause + consequence
+        cause = change.cause
+        if self._guard.interlock.state == 'tripped':
+            goal_mps = self._guard.command.forced_mps
+            cause += f'; the roller goes to {goal_mps:.2f} m/s until rearmed (hunt call rearm)'
         values = {
             'event': change.event,
             'since_s': f'{since_ns / NANOSECONDS:.3f}',
@@ -337,7 +340,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         return _done(refusal)
 
     def _arm(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        """Arm or disarm the interlock; what it holds is held until speed/rearm."""
+        """Arm or disarm the interlock; what it holds is held until `rearm`."""
         word = 'arm-interlock' if request.data else 'disarm-interlock'
         who = self._calls.take(word).who
         change, refusal = self._guard.arm(self._steady_ns(), request.data, who)
@@ -358,7 +361,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         Stop, and say whether the roller slows down.
 
         Only the encoder tells that: a set point that was sent may not have arrived, and a
-        drive that took it may not obey. The stop is sent again until `speed/rearm`.
+        drive that took it may not obey. The stop is sent again until `rearm`.
         """
         guard, emergency_mps = self._guard, self._config.emergency_speed_mps
         who = self._calls.take('emergency-stop').who
@@ -377,13 +380,12 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
                 )
                 break
             time.sleep(0.005)
-        self.get_logger().warning(
-            f'emergency stop: {problem or "confirmed by the encoder"}; held until speed/rearm'
-        )
+        held = problem or 'confirmed by the encoder'
+        self.get_logger().warning(f'emergency stop: {held}; held until rearmed (hunt call rearm)')
         if problem:
             raise DriverError(
                 f'the drive may not have taken it ({problem}): use the hard-wired stop; the stop'
-                ' stays in force and is sent again until speed/rearm'
+                ' stays in force and is sent again until rearmed (hunt call rearm)'
             )
         return ''
 

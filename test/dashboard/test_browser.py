@@ -289,7 +289,8 @@ def test_what_holds_the_drive_is_no_large_ok_and_rearm_is_held_down_far_from_the
         (
             {
                 'emergency_stop': 'true', 'level': 'ERROR',
-                'message': 'emergency stop is in force until speed/rearm; no answer of the drive',
+                'message': 'emergency stop is in force until rearmed (hunt call rearm);'
+                ' no answer of the drive',
             },
             'EMERGENCY STOP IS IN FORCE, until rearmed; no answer of the drive', True,
         ),

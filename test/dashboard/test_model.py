@@ -154,12 +154,6 @@ def test_recording_time_and_disk_are_told_as_long_as_the_recorder_speaks(model) 
     assert shown(model, 20.0)['sections']['recorder'] is None
 
 
-def test_an_operator_is_told_of_buttons_and_not_of_services(model) -> None:
-    model.take_speed_status({'message': 'emergency stop is in force until speed/rearm'}, 1.0)
-    told = shown(model, 1.0)['sections']['drive']['message']
-    assert told == 'emergency stop is in force until rearm'
-
-
 def test_a_mark_stands_among_the_events(model) -> None:
     model.take_status(3 * 10**9, STATUS, 1.0)
     model.take_mark('bump\u202e at joint 3')
@@ -312,8 +306,8 @@ def test_an_alarm_tells_who_acknowledged_it(model) -> None:
     ],
 )
 def test_a_sentence_tells_speeds_in_the_unit_of_the_rig(said, shown_as) -> None:
-    assert Words('km/h').text(said) == shown_as
-    assert Words().text(said) == said
+    assert Words('km/h').in_unit(said) == shown_as
+    assert Words().in_unit(said) == said
 
 
 def test_kilometres_an_hour_are_one_setting_for_all_numbers_of_the_page() -> None:

@@ -222,12 +222,6 @@ def test_what_is_not_there_is_refused_like_all_else_and_head_is_answered(live) -
         assert answer.headers['Content-Encoding'] == 'gzip'
 
 
-def test_the_answer_of_a_service_is_told_in_the_words_of_an_operator(live) -> None:
-    live.reply = (False, 'an emergency stop is in force: call speed/rearm first')
-    _, text = ask(live.url + 'command', {'word': 'start-profile'})
-    assert json.loads(text)['message'] == 'an emergency stop is in force: press rearm first'
-
-
 def test_who_asks_for_too_much_at_a_time_is_refused_and_the_stop_never(
     live, guarded, machine
 ) -> None:

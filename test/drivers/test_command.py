@@ -71,8 +71,8 @@ def test_an_emergency_stop_is_not_ramped_and_never_speeds_the_roller_up() -> Non
     _next(command, 0.1, 8.0)
     assert command.trip(0.0, 8.0, stop=True) == 0.0
     assert _next(command, 0.0) == 0.0
-    assert 'rearm' in command.start()
-    assert 'rearm' in command.resume()
+    assert 'hunt call rearm' in command.start()
+    assert 'hunt call rearm' in command.resume()
     command = _command()
     assert command.trip(2.0, 0.5, stop=True) == 0.5
     assert _command().trip(2.0, math.nan, stop=True) == 2.0
@@ -181,7 +181,7 @@ def test_a_trip_slows_down_at_its_own_rate_and_never_up_and_a_stop_stands_above_
     assert -np.diff([8.0, *speeds]).min() == pytest.approx(0.05)
     assert speeds[-1] == 5.0
     assert not command.stopped
-    assert 'rearm' in command.start()
+    assert 'hunt call rearm' in command.start()
     assert command.trip(6.0, 5.0) == 5.0, 'a second trip does not speed it up'
     assert command.trip(0.0, 5.0, stop=True) == 0.0
     assert command.trip(4.0, 5.0) == 0.0

@@ -107,7 +107,7 @@ def test_it_stays_tripped_until_a_person_arms_it_and_not_while_the_cause_is_ther
     interlock = watched.interlock
     assert watched.run(100.0) == ''
     assert interlock.state == 'tripped'
-    assert 'rearm' in interlock.refusal(watched.now_ns)
+    assert 'hunt call rearm' in interlock.refusal(watched.now_ns)
     watched.run(0.1, level='ERROR')
     change, refusal = interlock.rearm(watched.now_ns)
     assert change is None
@@ -341,7 +341,7 @@ def test_it_can_be_disarmed_and_is_awake_at_once_when_armed() -> None:
     change, _ = watched.interlock.arm(watched.now_ns, True)
     assert change.event == 'interlock_armed'
     assert watched.silence(1.0) == 'interlock_tripped'
-    assert 'rearm' in watched.interlock.arm(watched.now_ns, True)[1]
+    assert 'hunt call rearm' in watched.interlock.arm(watched.now_ns, True)[1]
     # A tripped interlock whose cause stays can be taken out of the way, by a person.
     assert watched.interlock.arm(watched.now_ns, False)[0].event == 'interlock_disarmed'
 

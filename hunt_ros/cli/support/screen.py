@@ -19,6 +19,7 @@ from hunt_ros.samples import number_of
 #: Colour of a level.
 STYLES: dict[str, str] = {'OK': 'green', 'WARN': 'yellow', 'ERROR': 'bold red', 'STALE': 'magenta'}
 _LOUD, _QUIET = 'bold red', 'dim'
+_REARM = 'until rearmed (hunt call rearm)'
 
 
 def rows(sections: Mapping[str, Any], keys: Sequence[str], width: int) -> Iterator[Text]:
@@ -70,10 +71,11 @@ def _interlock(drive: Mapping[str, Any] | None) -> Iterator[Text]:
         yield _row('THE SPEED NODE IS SILENT: profile and interlock are not known', _LOUD, True)
         return
     if drive['emergency_stop']:
-        yield _row('EMERGENCY STOP IS IN FORCE', _LOUD)
+        yield _row(f'EMERGENCY STOP IS IN FORCE, {_REARM}', _LOUD)
     loud = drive['interlock_state'] != 'armed' or drive['interlock'] == 'off'
     state = f'interlock {drive["interlock_state"]}'
     words = f'{state.upper() if loud else state}, mode {drive["interlock"]}'
+    words += f', {_REARM}' if drive['interlock_state'] == 'tripped' else ''
     words += f': {drive["interlock_cause"]}' if drive['interlock_cause'] else ''
     yield _row(words, _LOUD if loud else '', wrap=True)
 

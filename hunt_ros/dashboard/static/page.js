@@ -266,7 +266,7 @@ function heldBy(drive) {
   if (!drive || document.body.dataset.link === 'lost' || ended) return ['', ''];
   if (drive.silent) return ['silent', 'THE SPEED NODE IS SILENT: profile and interlock are not known'];
   // What the speed node says beside that: the drive may not obey.
-  const more = drive.message.replace(/^(emergency stop is in force until rearm|interlock tripped: )/, '').replace(drive.interlock_cause, '');
+  const more = drive.message.replace(/^(emergency stop is in force until rearmed \(hunt call rearm\)|interlock tripped: )/, '').replace(drive.interlock_cause, '');
   if (drive.emergency_stop) return ['stopped', `EMERGENCY STOP IS IN FORCE, until rearmed${more}`];
   if (drive.interlock_state === 'tripped') return ['tripped', `INTERLOCK TRIPPED${/until rearm/.test(more) ? '' : ', until rearmed'}: ${drive.interlock_cause.split('; ')[0]}${more}`];
   if (drive.level === 'ERROR') return ['wrong', drive.message];

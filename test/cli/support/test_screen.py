@@ -122,8 +122,8 @@ def test_alarm_emergency_stop_trip_and_ill_nodes_stand_above_the_numbers() -> No
     places = [
         text.index(words)
         for words in (
-            'ALARM NOT ACKNOWLEDGED', 'EMERGENCY STOP IS IN FORCE',
-            'INTERLOCK TRIPPED, mode measure: hunting', 'bag_recorder ERROR: disk full',
+            'ALARM NOT ACKNOWLEDGED', 'EMERGENCY STOP IS IN FORCE, until rearmed',
+            'INTERLOCK TRIPPED, mode measure, until rearmed', 'bag_recorder ERROR: disk full',
             'speed v 7.20 m/s',
         )
     ]  # fmt: skip
