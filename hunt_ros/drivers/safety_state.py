@@ -16,6 +16,8 @@ from pathlib import Path
 from hunt_ros.drivers.alarms import Shelved
 from hunt_ros.errors import ConfigError
 
+#: Keys of a line of the history.
+_LINE = ('at', 'what', 'why', 'who')
 #: The history has no more lines.
 MOST_LINES = 200
 
@@ -53,6 +55,11 @@ class SafetyState:
     shelved: tuple[Shelved, ...] = ()
     history: tuple[dict[str, str], ...] = ()
 
+    def noted(self, why: str) -> str:
+        """Return when something was noted last for this reason, UTC; '' where it was not."""
+        lines = (line['at'] for line in reversed(self.history) if line['why'] == why)
+        return next(lines, '')[:19].replace('T', ' ')
+
     def to_json(self) -> str:
         """Return it as the text of the file."""
         return json.dumps(asdict(self), indent=1, allow_nan=False) + '\n'
@@ -75,7 +82,7 @@ def read(path: Path) -> SafetyState | None:
     try:
         told = json.loads(path.read_text(encoding='utf-8'))
         told['shelved'] = tuple(Shelved(**each) for each in told['shelved'])
-        told['history'] = tuple(told['history'])
+        told['history'] = tuple({key: str(line[key]) for key in _LINE} for line in told['history'])
         told['goal_mps'] = float(told['goal_mps'])
         for item in fields(SafetyState):
             value = told[item.name]

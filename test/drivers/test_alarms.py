@@ -135,6 +135,7 @@ def test_what_is_shelved_is_said_outlives_the_process_and_takes_no_trip(tmp_path
         ('"minutes": 5.0', '"minutes": "long"'),
         ('"minutes": 5.0', '"until_s": Infinity, "minutes": 5.0'),
         ('"history": []', '"history": 3'),
+        ('"history": []', '"history": ["why"]'),
     ],
 )
 def test_a_state_that_is_none_is_refused(tmp_path, change) -> None:
