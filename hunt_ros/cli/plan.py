@@ -13,6 +13,7 @@ from hunt_ros.cli.support.recordings import add_recordings, known_of
 from hunt_ros.errors import ConfigError
 from hunt_ros.files import write_whole
 from hunt_ros.identification.plan import Plan, PlanSettings, plan
+from hunt_ros.samples import Uncertain
 
 EXAMPLE = 'hunt plan bags/hysteresis_loop --budget 120 --out next.yaml'
 
@@ -63,12 +64,12 @@ def describe(found: Plan) -> str:
     """Return the plan as a few lines for a person."""
     lines = [found.reason]
     for one in found.quantities:
-        value, unit = (1e6 * one.value, 'um') if one.unit == 'm' else (one.value, one.unit)
-        lines.append(
-            f'{one.name:16s}{value:.5g} {unit},'
-            f' deviation {one.told(one.std)} -> {one.told(one.std_after)}'
-        )
-    lasts = f'lasts about {found.duration_s:.0f} s, at most {found.longest_s:.0f} s'
+        scale, unit = (1e6, 'um') if one.unit == 'm' else (1.0, one.unit)
+        now = Uncertain(scale * one.value, scale * one.std)
+        lines.append(f'{one.name:16s}{now} {unit}, at best ± {one.told(one.std_after)} after it')
+    low, high = found.duration_ci95_s
+    lasts = f'lasts about {found.duration_s:.0f} s (95 %: {low:.0f} to {high:.0f})'
+    lasts += f', at most {found.longest_s:.0f} s'
     if found.escape is not None:
         lasts += f'; chance of unwanted hunting {100.0 * found.escape:.2g} %'
     lines.append(lasts)
@@ -83,5 +84,5 @@ def describe(found: Plan) -> str:
             'the best actions from here, by what a minute teaches (drop of the logarithms of the'
             ' deviations above, 1/min):'
         )
-    lines += [f'  {one.gain_per_minute:7.2f} 1/min  {one.words}' for one in found.actions[:_SHOWN]]
+    lines += [f'  {one.gain_per_minute:7.1f} 1/min  {one.words}' for one in found.actions[:_SHOWN]]
     return '\n'.join(lines)

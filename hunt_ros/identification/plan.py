@@ -24,7 +24,7 @@ from hunt_ros.identification.foresight import AMPLITUDE, BELOW, ESCAPED, TIME, F
 from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.record.events import ONE_SPEED
 from hunt_ros.identification.result import Identification
-from hunt_ros.samples import as_json, key
+from hunt_ros.samples import as_json, key, rounded
 from hunt_ros.settings import Settings, setting
 
 __all__ = ['Plan', 'PlanSettings', 'plan']
@@ -133,7 +133,10 @@ class Action:
 @dataclass(frozen=True)
 class Prediction:
     """
-    A quantity: how well it is known, and how well it should be after the profile.
+    A quantity: how well it is known, and how well at best after the profile.
+
+    The deviation after it is a bound (Cramer-Rao): that of a motion whose noise is white, of known
+    intensity and the same at all amplitudes, with a law of the form that was identified.
 
     Parameters
     ----------
@@ -150,7 +153,7 @@ class Prediction:
     def told(self, std: float) -> str:
         """Return a deviation with its unit."""
         number, unit = (1e6 * std, 'um') if self.unit == 'm' else (std, self.unit)
-        return f'{_rounded(number, 2):g} {unit}'
+        return f'{rounded((number,), number)[0][0]} {unit}'
 
 
 @dataclass(frozen=True)
@@ -166,6 +169,8 @@ class Plan:
         A sentence.
     duration_s, longest_s : float
         Expected, and where no amplitude ends a step early, s.
+    duration_ci95_s : tuple of float
+        95 % interval over the laws that the data allow, s.
     escape : float or None
         Chance that hunting begins unwanted; None where too little is known to say.
     quantities : sequence of Prediction
@@ -180,6 +185,7 @@ class Plan:
     reason: str
     duration_s: float
     longest_s: float
+    duration_ci95_s: tuple[float, float]
     escape: float | None = field(default=None, metadata=key('escape_chance'))
     quantities: Sequence[Prediction] = ()
     steps: Sequence[Action] = ()
@@ -267,7 +273,8 @@ def _first_sweep(
             f'rest was seen up to {rest:.3g} m/s already: a sweep to {ceiling:.3g} m/s shows the'
             ' damping below, not where hunting begins; speed_ceiling_mps lets it go further'
         )
-    return Plan(profile, reason, profile.duration_s, profile.duration_s)
+    lasts = profile.duration_s
+    return Plan(profile, reason, lasts, lasts, (lasts, lasts))
 
 
 class _Planner:
@@ -302,7 +309,7 @@ class _Planner:
 
     def _where(self, asked: tuple[float, ...]) -> tuple[float, ...]:
         """Return the speeds at which the unstable amplitude is wanted; there must be one."""
-        speeds = asked or tuple(_rounded(self._beyond(share)) for share in _WANTED)
+        speeds = asked or tuple(_rounded(self._beyond(share), 3) for share in _WANTED)
         there = np.isfinite(self._unstable(speeds))
         if asked and not there.all():
             raise ConfigError(
@@ -336,11 +343,13 @@ class _Planner:
         begin, home = self._move(self._start), self._move(self._home)
         moves = [begin, *(move for one in taken for move in one.moves), home]
         profile = Profile(tuple(move.step for move in moves), 'plan')
+        shortest, longest = np.percentile(states[:, TIME], [2.5, 97.5])
         return Plan(
             profile,
             _reason(taken, quantities),
             float(states[:, TIME].mean()),
             profile.duration_s,
+            (float(shortest), float(longest)),
             float(states[:, ESCAPED].mean()),
             quantities,
             taken,
@@ -443,8 +452,8 @@ def _reason(taken: Sequence[Action], quantities: Sequence[Prediction]) -> str:
     lasts = {kind: sum(one.duration_s for one in taken if one.kind == kind) for kind in _DOES}
     most = max(quantities, key=lambda one: one.std / max(one.std_after, 1e-300))
     return (
-        f'it {_DOES[max(lasts, key=lasts.__getitem__)]}: the deviation of {most.name} should fall'
-        f' from {most.told(most.std)} to {most.told(most.std_after)}'
+        f'it {_DOES[max(lasts, key=lasts.__getitem__)]}: the deviation of {most.name} falls'
+        f' from {most.told(most.std)} to {most.told(most.std_after)} at best'
     )
 
 

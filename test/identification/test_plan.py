@@ -26,6 +26,8 @@ def test_all_deviations_are_to_fall_within_budget_and_risk(known, found):
     assert all(one.std_after < 0.8 * one.std for one in found.quantities)
     assert found.quantities[0].std == pytest.approx(known.v_c.std, rel=0.3)
     assert found.duration_s <= 200.0
+    low, high = found.duration_ci95_s
+    assert low < found.duration_s < high <= found.longest_s
     assert 0.0 <= found.escape <= 0.05
     assert found.longest_s == found.profile.duration_s
     assert 'deviation of' in found.reason
