@@ -52,9 +52,12 @@ class Clip:
     @property
     def path(self) -> Path:
         """Where it is: beside the recording, by the name of it, time and code of the alarm."""
-        at = datetime.fromtimestamp(self.stamp_ns / NANOSECONDS)
+        at_s = self.stamp_ns / NANOSECONDS
+        at = f'{datetime.fromtimestamp(at_s):%Y%m%d_%H%M%S}'
+        if at.startswith(('1969', '1970')):  # of a simulated rig, whose time begins at 0
+            at = f'{at_s:.0f}s'
         code = re.sub(r'\W', '_', self.code)  # an event may say anything
-        name = f'clip_{self.recording.name}_{at:%Y%m%d_%H%M%S}_{code}.mcap'
+        name = f'clip_{self.recording.name}_{at}_{code}.mcap'
         return self.recording.with_name(name)
 
     def cut(self) -> Path:

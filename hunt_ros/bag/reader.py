@@ -36,7 +36,7 @@ STORAGES: dict[str, type[McapFile] | type[SqliteFile]] = {'.mcap': McapFile, '.d
 #: Left free where a compressed file is expanded, bytes.
 _RESERVE = 1 << 28
 #: Name of a clip: recording, time, code of the alarm (a letter, where files of recordings count).
-CLIP = re.compile(r'clip_(.+)_\d{8}_\d{6}_[^\W\d]\w*\.mcap')
+CLIP = re.compile(r'clip_(.+)_(?:\d{8}_\d{6}|-?\d+s)_[^\W\d]\w*\.mcap')
 _Loader: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 

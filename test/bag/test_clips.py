@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hunt_ros.bag import Bag, clips, read_record
-from hunt_ros.bag.clips import MOST_S, Clip, Clips, clips_of
+from hunt_ros.bag.clips import MOST_S, Clip, Clips, clips_of, recording_of
 from hunt_ros.bag.inspection import inspect
 from hunt_ros.bag.record_writer import serialise
 from hunt_ros.bag.recording import Recording, RecordingLimits
@@ -46,6 +46,12 @@ def running(tmp_path: Path):
     yield recording
     if recording.state.running:
         recording.stop()
+
+
+def test_a_clip_of_a_simulated_rig_has_the_seconds_since_its_start_in_its_name() -> None:
+    clip = Clip(Path('run'), 'hunting', 179_600_000_000, 0, 0)
+    assert clip.path.name == 'clip_run_180s_hunting.mcap'
+    assert recording_of(clip.path) == 'run'
 
 
 @pytest.mark.parametrize('goes_on', [True, False])
