@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hunt_ros.bag.inspection import Inspection, inspect
+from hunt_ros.bag.mcap.file import REPAIR
 from hunt_ros.bag.repair import Repair, repair
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import progress, tell
@@ -21,13 +22,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add = partial(options.add, parser)
     add('bag', type=Path, help='folder, .mcap or .db3; also one not closed')
-    what = 'write what can be saved to this new folder'
+    what = 'write what can be saved to this new folder; then 0 says that no file was left out'
     add('--repair', type=options.new_folder, metavar='OUT', help=what)
     add('--json')
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Inspect, and repair if asked: 0 for a sound recording, 1 for one with problems."""
+    """
+    Inspect, and repair if asked: 0 for a sound recording, 1 for one with problems.
+
+    With a repair 0 where all that is sound was copied, 1 where a file was left out.
+    """
     found: Inspection | None = None
     unreadable = ''
     try:
@@ -45,6 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     if repaired is not None:
         document['repair'] = _repair_json(repaired)
         lines += [f'repaired: {repaired}', *(f'  {problem}' for problem in repaired.problems)]
+        lines = [line.replace(REPAIR, '') for line in lines]  # it is what has just been done
     tell(arguments.json, lambda: document, lambda: '\n'.join(lines))
     if repaired is not None:
         return 1 if repaired.left_out else 0

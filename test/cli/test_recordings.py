@@ -149,3 +149,11 @@ def test_a_recording_of_yaw_alone_is_judged_and_told_in_its_unit(tmp_path, capsy
     assert 'it may hunt or not' not in said
     (cycle,) = [line for line in said.splitlines() if 'LIMIT CYCLE' in line]
     assert re.search(r'amplitude [0-9.]+ \+/- [0-9.]+ mrad', cycle)
+
+
+def test_a_repair_does_not_advise_what_it_does(tmp_path: Path, capsys) -> None:
+    damaged = str(Path(__file__).parents[2] / 'bags' / 'damaged.mcap')
+    assert main(['info', damaged]) == 1
+    assert '--repair OUT' in capsys.readouterr().out
+    assert main(['info', damaged, '--repair', str(tmp_path / 'saved')]) == 0
+    assert '--repair OUT' not in capsys.readouterr().out

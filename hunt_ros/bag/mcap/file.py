@@ -31,6 +31,8 @@ from hunt_ros.errors import BagError
 
 #: Chunks are gathered together up to this many expanded bytes, so that small ones cost little.
 BLOCK_BYTES = 1 << 22
+#: What to do about damage, behind it.
+REPAIR = '; "hunt info BAG --repair OUT" saves what is sound'
 
 
 #: A chunk, expanded and checked, and where its messages lie in it.
@@ -175,10 +177,7 @@ class McapFile:
             self.remarks.append(('bad_index', text))
 
     def _damage(self, chunk: rec.Chunk, reason: str) -> BagError:
-        return BagError(
-            f'{self.path}: chunk at byte {chunk.offset}: {reason};'
-            ' "hunt info BAG --repair OUT" saves what is sound'
-        )
+        return BagError(f'{self.path}: chunk at byte {chunk.offset}: {reason}{REPAIR}')
 
 
 def _block(whole: NDArray[np.uint8], group: list[_Opened]) -> Block:
