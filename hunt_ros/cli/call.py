@@ -10,6 +10,7 @@ from hunt_ros.cli.support.output import tell
 from hunt_ros.cli.support.processes import NodeSpec, ask
 from hunt_ros.errors import HuntError
 from hunt_ros.services import SERVICES
+from hunt_ros.suite import ALARM_OUTPUTS
 
 EXAMPLE = "hunt call mark 'bump at joint 3'"
 
@@ -42,7 +43,9 @@ def run(arguments: argparse.Namespace) -> int:
     parameters = {'word': arguments.service, 'wait_s': float(arguments.wait), 'words': words}
     answer = ask(NodeSpec('service_call', parameters), arguments.namespace)
     if answer['success'] is None:
-        raise HuntError(f'{answer["service"]}: {answer["message"]}')
+        named = '; the section alarm_outputs of the rig file (--rig) names what calls'
+        more = named if service.node == ALARM_OUTPUTS else ''
+        raise HuntError(f'{answer["service"]}: {answer["message"]}{more}')
     said = answer['message'] or ('done' if answer['success'] else 'refused')
     tell(arguments.json, lambda: answer, lambda: said)
     return 0 if answer['success'] else 1

@@ -227,11 +227,12 @@ class HuntingDetectorNode(SuiteNode):
         return ''
 
     def _acknowledge(self) -> str:
-        said = self._calls.take('acknowledge')
-        by = said.words or said.who
+        call = self._calls.take('acknowledge')
+        by = call.words or call.who
         self._drain()
+        said = '' if self._detector.history.codes else 'there was no alarm to acknowledge'
         self._publish(self._detector.acknowledge(self.get_clock().now().nanoseconds, by))
-        return ''
+        return said
 
     def _health(self) -> Health:
         status = self._detector.status

@@ -21,6 +21,8 @@ def test_a_call_is_done_refused_or_finds_nobody(graph, capsys) -> None:
     assert error.count('\n') == 1
     assert '/rig/hunting/acknowledge_alarm' in error
     assert 'hunting_detector' in error
+    assert main(['call', 'test-alarm', '--wait', '0.5']) == 2
+    assert 'the section alarm_outputs of the rig file' in capsys.readouterr().err
 
     graph.start('rig_simulator', port=graph.port)
     wait = ['--wait', '120']

@@ -67,6 +67,8 @@ def test_an_alarm_lasts_while_settings_change_and_is_acknowledged(
     graph.spin_until(lambda: monitored().items() >= levels.items())
     assert all(each.hardware_id for message in health for each in message.status)
     assert main(['call', 'acknowledge', 'Mia  Lopez']) == 0
+    again = graph.call('hunting/acknowledge_alarm')
+    assert (again.success, again.message) == (True, 'there was no alarm to acknowledge')
     graph.spin_until(lambda: statuses.last['level'] == 'ERROR')
     status = statuses.last
     assert status['alarm'] == 'True', 'it still hunts'
