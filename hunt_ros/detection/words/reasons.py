@@ -192,13 +192,11 @@ def margin_cause(row: np.void, basis: Basis) -> str:
     if not math.isfinite(margin):
         if int(row['region']) == Region.UNSTABLE:
             return 'quiet motion is unstable at this speed'
-        gone = 'motion of any amplitude dies out at this speed'
+        gone = 'every motion dies out at this speed'
         hunts = int(row['state']) >= State.ESCAPING
         if not low:
             return gone
-        return (
-            f'{gone}, but it is not quiet yet' if hunts else f'{gone}, and it is only just quiet'
-        )
+        return f'{gone}, this one has not yet' if hunts else f'{gone}, this one only just has'
     least, most = float(row['margin_low']), float(row['margin_high'])
     interval = f'{least:.3g} to {most:.3g}' if math.isfinite(most) else f'at least {least:.3g}'
     found = f'unstable amplitude over amplitude is {margin:.3g} ({interval})'

@@ -46,4 +46,4 @@ def test_no_row_that_is_quiet_says_that_it_is_not_quiet_yet(recorded, true_form)
     low = rows[(rows['doubts'] & doubts.MARGIN != 0) & np.isnan(rows['margin'])]
     told = {(int(row['state']), ' '.join(reasons_of(row, basis))) for row in low}
     assert {state for state, _ in told} >= {State.LIMIT_CYCLE, State.DECAYING, State.QUIET}
-    assert not any('not quiet yet' in words for state, words in told if state == State.QUIET)
+    assert not any('has not yet' in words for state, words in told if state == State.QUIET)
