@@ -23,6 +23,10 @@ _FALLEN, _GROWN = 0.7, 0.3
 _NEAR_MPS, _HELD_S = 0.1, 2.0
 #: The see-saw goes so much lower where hunting does not die out.
 _LOWER_MPS = 0.1
+#: Why a climb cannot be.
+_NO_DETECTOR = (
+    'a detector has to clear each speed, and there is none (hunt simulate has none: hunt run has)'
+)
 #: Key of the see-saw -> what of the form it follows from.
 _FROM_FORM = {
     'low_mps': 'v_n',
@@ -227,7 +231,7 @@ class Climb(_Stairs):
         name = 'v_c' if math.isnan(motion.v_n) else 'v_n'
         if self.low_mps >= (limit := getattr(motion, name)):
             return f'low_mps: hunting dies out below {name}, {limit:.2f} m/s, got {self.low_mps:g}'
-        return 'no detector judges the speed that is held' if math.isnan(motion.held_s) else ''
+        return _NO_DETECTOR if math.isnan(motion.held_s) else ''
 
     @property
     def reacts(self) -> bool:
