@@ -85,9 +85,9 @@ class Bracket:
         reasons = [_words(self.why[k]) for k in ('v_n_above', 'v_n_below') if k in self.why]
         if reasons:
             name = 'v_n' if self.coexistence else 'the limit cycle ends'
-            lines.append(f'seen: {name} {_between(*self.v_n)} m/s: {"; ".join(reasons)}')
+            lines.append(f'seen: {name} {_between(*self.v_n)}: {"; ".join(reasons)}')
         if self.v_c is not None:
-            lines.append(f'seen: v_c {_between(self.v_c, None)} m/s: {self._damping()}')
+            lines.append(f'seen: v_c {_between(self.v_c, None)}: {self._damping()}')
         if self.began is not None:
             line = f'seen: hunting began, unkicked, at {self.began:.4g} m/s'
             rested = max((e.speed_low for e in self.events if e.kind == 'rest'), default=0.0)
@@ -199,8 +199,10 @@ def _at(event: Event) -> str:
 
 def _between(low: float | None, high: float | None) -> str:
     if low is not None and high is not None:
-        return f'between {low:.4g} and {high:.4g}'
-    return f'above {low:.4g}' if low is not None else f'below {high:.4g}'
+        bounds = f'between {low:.4g} and {high:.4g}'
+    else:
+        bounds = f'above {low:.4g}' if low is not None else f'below {high:.4g}'
+    return f'{bounds} m/s ({50.0 * ONE_SPEED:g} % to spare)'
 
 
 def _words(event: Event) -> str:
