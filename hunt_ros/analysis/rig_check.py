@@ -49,6 +49,8 @@ _OFFSET_S = 0.05
 _DIAMETER_SHARE, _DIAMETER_FAILS = 0.01, 0.05
 #: Below this a roller does not turn, m/s.
 _TURNING_MPS = 0.2
+#: Unit -> factor and unit in which noise and steps are told.
+_SMALL_UNITS = {'m': (1e6, 'um'), 'rad': (1e6, 'urad'), 'm/s': (1e3, 'mm/s')}
 #: A noise of this share of the flange clearance hides the motion that matters.
 _NOISE_SHARE = 0.01
 #: Roller of the built-in rig, and the smallest one of any, m.
@@ -125,6 +127,12 @@ def check_rig(
         found += _readings(channel, series, rig)
     found += check_roller(replace(record, channels=evened(record)[0]), rig)
     return found
+
+
+def _small(value: float, unit: str) -> str:
+    """Return a small number in a unit in which it has no exponent."""
+    scale, small = _SMALL_UNITS.get(unit, (1.0, unit))
+    return f'{float(f"{scale * value:.3g}"):.7g} {small}'
 
 
 def _judged(
@@ -227,15 +235,15 @@ def _readings(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
     noise = _noise(values)
     if channel in MOTION:
         most = _NOISE_SHARE * rig.flange_clearance_m if channel == 'lateral' else 0.0
-        text = f'white noise of {noise:.3g} {unit} (standard deviation)'
+        text = f'white noise of {_small(noise, unit)} (standard deviation)'
         advice = (
-            f'expected at most {most:.2g} {unit}, {_NOISE_SHARE:.0%} of the flange clearance: look'
-            ' at cables, shielding, range of the sensor'
+            f'expected at most {_small(most, unit)}, {_NOISE_SHARE:.0%} of the flange clearance:'
+            ' look at cables, shielding, range of the sensor'
         )
         yield _judged('noise', channel, 0.0 < most < noise, text, advice, noise, unit)
     if channel != 'roller':
         step = smallest_step(values)
-        text = f'the smallest step of the readings is {step:.3g} {unit}'
+        text = f'the smallest step of the readings is {_small(step, unit)}'
         # Noise of a step and more is averaged out; below it what is smaller is not seen at all.
         coarse = channel in MOTION and noise < 0.5 * step
         advice = 'coarser than the noise: motion below one step is not seen; use a smaller range'

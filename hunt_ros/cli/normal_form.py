@@ -78,7 +78,8 @@ def summary(name: str, form: ComplexNormalForm, result: dict[str, Any]) -> str:
     ]
     for each in COEFFICIENTS:
         value, real = getattr(form, each), getattr(form.amplitude_coordinate, each)
-        lines.append(f'{each:6}{value.real:14.6g}{value.imag:14.6g}{real:24.6g}')
+        columns = (value.real, 14), (value.imag, 14), (real, 24)
+        lines.append(f'{each:6}' + ''.join(f'{_plain(x):>{w}}' for x, w in columns))
     lines.append('')
     for what, found in (('normal form', result), ('full model', result['full_model'])):
         speed = found['v_n_mps']
@@ -86,6 +87,11 @@ def summary(name: str, form: ComplexNormalForm, result: dict[str, Any]) -> str:
             f'fold of the {what}: ' + ('none' if speed is None else f'v_n = {speed:.3f} m/s')
         )
     return '\n'.join(lines)
+
+
+def _plain(value: float) -> str:
+    """Return a coefficient without an exponent, however large."""
+    return f'{value:.6g}' if abs(value) < 1e6 else f'{value:.0f}'
 
 
 def _plot(form: ComplexNormalForm, branch: Branch | None, path: Path) -> None:

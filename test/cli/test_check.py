@@ -124,6 +124,7 @@ def test_a_sound_rig_passes_with_the_numbers_that_it_has(check) -> None:
     code, found = check(_sound())
     assert code == 0
     assert {one['state'] for one in found.values()} == {'ok'}
+    assert not any('e-0' in one['text'] for one in found.values())
     assert found['rate', 'lateral']['value'] == pytest.approx(RATE_HZ)
     # The motion itself adds to a noise told by second differences: 3 % here.
     assert found['noise', 'lateral']['value'] == pytest.approx(NOISE_M, rel=0.1)

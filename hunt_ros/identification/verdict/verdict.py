@@ -259,11 +259,12 @@ def _misfits(evidence: Evidence, misfit: LackOfFit, warnings: list[str]) -> dict
         warnings.append(against)
     if misfit.flagged:
         lacks = f'lack of fit: {misfit.words}'
+        chance = f'p = {misfit.p:.1g}' if misfit.p >= 0.001 else 'p < 0.001'
         wide = f'intervals are {misfit.stretch:.2g} times as wide'
         if misfit.held and misfit.share > _FAR_OFF:
             failed['fits'] = lacks
             wide = 'no fold is claimed'
-        warnings.append(f'{lacks} (p = {misfit.p:.1g}); {wide}')
+        warnings.append(f'{lacks} ({chance}); {wide}')
     return failed
 
 
@@ -383,8 +384,8 @@ def _unsupported(
     largest = np.nanmax(law.steady_amplitudes(np.linspace(ends, high, 41))[1], initial=0.0)
     if shaped and largest > _BEYOND * top:
         warnings.append(
-            f'the limit cycle (to {largest:.2g} m) is a forecast: no amplitude above {top:.2g} m'
-            ' was measured'
+            f'the limit cycle (to {1e3 * largest:.2g} mm) is a forecast: no amplitude above'
+            f' {1e3 * top:.2g} mm was measured'
         )
     return failed
 
