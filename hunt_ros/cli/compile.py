@@ -23,6 +23,6 @@ def run(arguments: argparse.Namespace) -> int:
     count = compile_all()
     if not is_complete():
         return 1  # it has been said why
-    seconds = f' ({time.monotonic() - began:.0f} s)' if count else ''
-    print(f'the kernels are compiled, {count} of them now{seconds}')
+    seconds = time.monotonic() - began
+    print(f'{count} kernels compiled in {seconds:.0f} s' if count else 'the kernels are compiled')
     return 0
