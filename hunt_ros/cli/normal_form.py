@@ -81,11 +81,13 @@ def summary(name: str, form: ComplexNormalForm, result: dict[str, Any]) -> str:
         columns = (value.real, 14), (value.imag, 14), (real, 24)
         lines.append(f'{each:6}' + ''.join(f'{_plain(x):>{w}}' for x, w in columns))
     lines.append('')
-    for what, found in (('normal form', result), ('full model', result['full_model'])):
+    for what, found, source in (
+        ('normal form', result, 'an expansion about v_c'),
+        ('full model', result['full_model'], 'the equations of motion'),
+    ):
         speed = found['v_n_mps']
-        lines.append(
-            f'fold of the {what}: ' + ('none' if speed is None else f'v_n = {speed:.3f} m/s')
-        )
+        told = 'none' if speed is None else f'v_n = {speed:.3f} m/s'
+        lines.append(f'fold of the {what}: {told}, by {source}')
     return '\n'.join(lines)
 
 

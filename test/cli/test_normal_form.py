@@ -56,6 +56,7 @@ def test_a_person_gets_a_table_and_a_picture(
     printed = capsys.readouterr().out
     assert 'subcritical Hopf bifurcation at v_c = 8.0000 m/s' in printed
     assert 'fold of the full model: v_n = 6.433 m/s' in printed
+    assert 'e+' not in printed
     assert picture.read_bytes().startswith(b'\x89PNG')
 
 
