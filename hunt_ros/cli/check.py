@@ -40,7 +40,7 @@ _SAMPLE_BYTES = 80.0
 #: Half of the yaw of a wheelset is within this, rad: of degrees it is not while it hunts.
 _YAW_RAD = 0.05
 #: A recording must have room for so long, h, and for this at least, bytes.
-_LEAST_H, _LEAST_BYTES, _YEAR_H = 8.0, 1e9, 8760.0
+_LEAST_H, _LEAST_BYTES, _WEEK_H = 8.0, 1e9, 168.0
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -200,7 +200,7 @@ def _disk(record: Record, directory: Path) -> Finding:
     free = float(shutil.disk_usage(place).free)
     rate = sum(series.rate_hz for series in record.values() if math.isfinite(series.rate_hz))
     hours = free / max(rate * _SAMPLE_BYTES, 1.0) / 3600.0
-    lasts = 'more than a year' if hours > _YEAR_H else f'about {hours:.0f} h'
+    lasts = f'about {hours:.0f} h' if hours < _WEEK_H else 'more than a week'
     text = f'{free / 1e9:.1f} GB are free at {place}, for {lasts} of recording'
     if free >= _LEAST_BYTES and hours >= _LEAST_H:
         return Finding('disk', '', OK, text, '', free, 'byte')
