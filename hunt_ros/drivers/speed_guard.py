@@ -379,6 +379,8 @@ class SpeedGuard:
                 said = f'interlock tripped: {interlock.cause}'
                 if command.stopped:
                     said = 'emergency stop is in force until rearmed (hunt call rearm)'
+                elif interlock.state != 'tripped':
+                    said = f'the end: the roller goes to {command.forced_mps:.2f} m/s'
                 if words:
                     said += '; the safe set point is sent again and again'
                 if (more := words or interlock.fault) and more != interlock.cause:

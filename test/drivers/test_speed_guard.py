@@ -160,6 +160,12 @@ def test_no_set_point_of_a_trip_rises_however_late_the_drive_takes_it(seed) -> N
     assert drive.taken[-1] < 6.0
 
 
+def test_an_end_is_called_no_trip() -> None:
+    guard = _guard()
+    guard.end()
+    assert guard.present()[1].startswith('the end: the roller goes to 0.00 m/s')
+
+
 def test_who_asked_is_in_the_history_and_in_the_event() -> None:
     guard = _guard()
     change, _ = guard.arm(0, False, 'mia@pc (console)')
