@@ -115,7 +115,10 @@ class SpeedGuard:
         if state.running and not state.trip:
             damaged = damaged or 'the speed node ended without being asked'
         if state.trip or damaged:
-            self.interlock.restore('tripped', state.trip or damaged, goal)
+            cause = state.trip or damaged
+            if at := state.noted(cause):
+                cause = f'since {at} UTC, before this start: {cause}'
+            self.interlock.restore('tripped', cause, goal)
             self.command.trip(goal, begin)
         elif state.disarmed and self.interlock.state == 'armed':
             self.interlock.restore('disarmed', state.disarmed, 0.0)

@@ -180,9 +180,8 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         self._keeper = Worker(self._diagnostics.failed, 'safety state', self._keep)
         interlock = self._guard.interlock
         if interlock.state != 'armed':
-            at, cause = state.noted(interlock.cause), interlock.cause
-            words = f'since {at} UTC, before this start: {cause}' if at else cause
-            self._tell(Change(f'interlock_{interlock.state}', words, self._steady_ns()))
+            event = f'interlock_{interlock.state}'
+            self._tell(Change(event, interlock.cause, self._steady_ns()))
 
     def close(self) -> None:
         """Let go of the drive; an end that was asked for is no failure."""

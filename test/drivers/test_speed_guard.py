@@ -160,6 +160,17 @@ def test_no_set_point_of_a_trip_rises_however_late_the_drive_takes_it(seed) -> N
     assert drive.taken[-1] < 6.0
 
 
+def test_a_trip_of_the_run_before_says_since_when_however_often_it_starts() -> None:
+    cause = 'the detector says ERROR: limit cycle'
+    line = {'at': '2026-11-28T10:02:11.123+00:00', 'what': 'interlock_tripped', 'why': cause}
+    guard = _guard(SafetyState(trip=cause, history=({**line, 'who': ''},)))
+    told = f'since 2026-11-28 10:02:11 UTC, before this start: {cause}'
+    assert guard.interlock.cause == told
+    kept = json.loads(guard.unsaved(running=False))
+    again = _guard(SafetyState(trip=kept['trip'], history=tuple(kept['history'])))
+    assert again.interlock.cause == told
+
+
 def test_an_end_is_called_no_trip() -> None:
     guard = _guard()
     guard.end()

@@ -19,7 +19,6 @@ from speed_rig import UNGUARDED, Drive, Rig
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from hunt_ros.drivers.safety_state import SafetyState
 from hunt_ros.dynamics.profile import Profile
 from hunt_ros.nodes.support.qos import latched, stream
 
@@ -246,22 +245,6 @@ def test_a_state_that_cannot_be_read_is_a_trip(graph, resident, detector, tmp_pa
     assert 'cannot read the safety state' in rig.status['interlock_cause']
     graph.spin_until(lambda: graph.call('speed/rearm').success)
     graph.spin_until(lambda: json.loads(path.read_text())['trip'] == '')
-
-
-def test_a_trip_of_the_run_before_says_since_when_and_how_to_rearm(
-    graph, resident, tmp_path: Path
-) -> None:
-    path, cause = tmp_path / 'state.json', 'the detector says ERROR: limit cycle'
-    line = {'at': '2026-11-28T10:02:11.123+00:00', 'what': 'interlock_tripped', 'why': cause}
-    state = SafetyState(trip=cause, goal_mps=4.5, there=True, history=({**line, 'who': ''},))
-    path.write_text(state.to_json())
-    said = graph.told('hunting/events')
-    Rig(graph, resident, Drive(6.0), state_file=path)
-    graph.spin_until(lambda: said)
-    assert said.last['message'] == (
-        f'since 2026-11-28 10:02:11 UTC, before this start: {cause};'
-        ' the roller goes to 4.50 m/s until rearmed (hunt call rearm)'
-    )
 
 
 def test_a_disk_that_takes_no_state_is_said_and_guards_on(graph, resident, detector) -> None:
