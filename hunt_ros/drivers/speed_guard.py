@@ -117,7 +117,7 @@ class SpeedGuard:
         if state.trip or damaged:
             cause = state.trip or damaged
             if at := state.noted(cause):
-                cause = f'since {at} UTC, before this start: {cause}'
+                cause = f'before this start, at {at} UTC; until rearmed (hunt call rearm): {cause}'
             self.interlock.restore('tripped', cause, goal)
             self.command.trip(goal, begin)
         elif state.disarmed and self.interlock.state == 'armed':

@@ -164,7 +164,8 @@ def test_a_trip_of_the_run_before_says_since_when_however_often_it_starts() -> N
     cause = 'the detector says ERROR: limit cycle'
     line = {'at': '2026-11-28T10:02:11.123+00:00', 'what': 'interlock_tripped', 'why': cause}
     guard = _guard(SafetyState(trip=cause, history=({**line, 'who': ''},)))
-    told = f'since 2026-11-28 10:02:11 UTC, before this start: {cause}'
+    told = 'before this start, at 2026-11-28 10:02:11 UTC; until rearmed (hunt call rearm): '
+    told += cause
     assert guard.interlock.cause == told
     kept = json.loads(guard.unsaved(running=False))
     again = _guard(SafetyState(trip=kept['trip'], history=tuple(kept['history'])))
