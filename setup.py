@@ -84,7 +84,7 @@ setup(
     # The machine code is there once `hunt compile` has run: `make wheel` ships it.
     package_data={
         f'{NAME}.dashboard': ['static/*'],
-        f'{NAME}.nodes.support': ['this_host.xml'],
+        f'{NAME}.nodes.support': ['*.xml'],
         NAME: ['machine_code/all.*', f'machine_code/{NAME}.*'],
     },
     data_files=[

@@ -31,7 +31,7 @@ EVENTS = stream(1000)
 #: What the detector was told, for who comes late: the start of a replay stands in it.
 JOURNAL = latched(1000)
 #: `/diagnostics`, `hunting/status` and `speed/target`: 5 s at 20 Hz, because what a reader missed
-#: is sent again after the heartbeat of its writer, every 3 s by default, if it is still there.
+#: is sent again after a heartbeat, if it is still there: every 0.05 s by `fast_dds.xml`, 3 s else.
 STATUS = stream(100)
 #: For measurements, which foreign nodes may publish with the profile of sensor data: the
 #: parameters `qos_overrides.TOPIC.subscription.reliability` and `.depth`.

@@ -32,11 +32,14 @@ from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import refuse_unknown
 from hunt_ros.suite import AGAIN
 
-#: Who sets one of these has chosen how Fast DDS talks. Kilted begins with version 3, which has
-#: another name for the file.
-_TRANSPORTS = 'FASTDDS_BUILTIN_TRANSPORTS'
+#: Kilted begins with Fast DDS 3, which has another name for the file of its profiles.
 _KILTED = int(version('rclpy').partition('.')[0]) >= 9
-_PROFILE = f'{"FASTDDS" if _KILTED else "FASTRTPS"}_DEFAULT_PROFILES_FILE'
+#: Who sets one of these has chosen how Fast DDS talks.
+_CHOICES = (
+    'FASTRTPS_DEFAULT_PROFILES_FILE',
+    'FASTDDS_DEFAULT_PROFILES_FILE',
+    'FASTDDS_BUILTIN_TRANSPORTS',
+)
 _SPIN_S = 0.05
 #: The system signals the death of who started this process before all its threads have gone, and
 #: only then is it seen, s.
@@ -81,7 +84,7 @@ def run(
     # ROS that finds no place for its log does not start; one that it had may be gone since.
     if AGAIN in os.environ or not {'HOME', 'ROS_LOG_DIR'} & {*os.environ}:
         os.environ['ROS_LOG_DIR'] = tempfile.gettempdir()
-    _share_no_memory()
+    _choose_transport()
     words = None if arguments is None else list(arguments)
     try:
         rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
@@ -130,22 +133,16 @@ def run(
     return 0
 
 
-def _share_no_memory() -> None:
-    """
-    Have Fast DDS talk by UDP alone, which costs no more, unless the user has chosen.
-
-    In its shared memory nobody hears anybody for 0.33 s when a program comes or goes (a third of
-    its health check of a port), and the interlock trips. `LOCALHOST` has shared memory whatever is
-    asked for (`rmw_fastrtps`): the profile does the rest of what it does.
-    """
+def _choose_transport() -> None:
+    """Give Fast DDS the profile of the nodes, unless the user has chosen how it talks."""
     told = os.environ
-    if {_TRANSPORTS, _PROFILE} & told.keys() or 'fastrtps' not in rmw_identifier():
+    if {*_CHOICES} & told.keys() or 'fastrtps' not in rmw_identifier():
         return
-    if told.get('ROS_AUTOMATIC_DISCOVERY_RANGE') != 'LOCALHOST':
-        told[_TRANSPORTS] = 'UDPv4'
-    elif 'ROS_STATIC_PEERS' not in told:
+    told[_CHOICES[_KILTED]] = str(Path(__file__).with_name('fast_dds.xml'))
+    here = told.get('ROS_AUTOMATIC_DISCOVERY_RANGE') == 'LOCALHOST'
+    if here and 'ROS_STATIC_PEERS' not in told:
         told['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
-        told[_PROFILE] = str(Path(__file__).with_name('this_host.xml'))
+        told[_CHOICES[_KILTED]] = str(Path(__file__).with_name('fast_dds_this_host.xml'))
 
 
 def _raise_failures(nodes: Sequence[SuiteNode]) -> None:
