@@ -25,6 +25,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from fcntl import LOCK_EX, flock
 from functools import cache
 from importlib import import_module
 from importlib.metadata import version
@@ -324,10 +325,7 @@ def _write(name: str, content: bytes) -> None:
 def _only_one() -> Iterator[None]:
     """Wait until no other process compiles."""
     with open(Path(tempfile.gettempdir()) / f'{_NAME}-compile-{getpass.getuser()}', 'wb') as file:
-        with suppress(ImportError):  # not on Windows
-            from fcntl import LOCK_EX, flock
-
-            flock(file, LOCK_EX)
+        flock(file, LOCK_EX)
         yield
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import math
 import os
-import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -138,7 +137,7 @@ def _refuse_second(namespace: str, names: Sequence[str]) -> None:
     told = os.environ.get('ROS_DOMAIN_ID', '') or '0'
     if not told.isdecimal() or int(told) > _LAST_DOMAIN:
         raise ConfigError(f'ROS_DOMAIN_ID={told}, expected 0 to {_LAST_DOMAIN}')
-    for name in names if sys.platform == 'linux' else ():
+    for name in names:
         try:
             hold(f'/{namespace.strip("/")}/{name}', int(told)).close()
         except OSError as error:

@@ -17,7 +17,6 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 from collections import Counter
@@ -100,11 +99,10 @@ class _Child:
         """
         if self.process is None or not self.runs:
             return False
-        if sys.platform == 'linux':
-            stopped = os.WSTOPPED | os.WNOHANG | os.WNOWAIT
-            with contextlib.suppress(ChildProcessError):  # it has ended since
-                if os.waitid(os.P_PID, self.process.pid, stopped) is not None:
-                    return True
+        stopped = os.WSTOPPED | os.WNOHANG | os.WNOWAIT
+        with contextlib.suppress(ChildProcessError):  # it has ended since
+            if os.waitid(os.P_PID, self.process.pid, stopped) is not None:
+                return True
         # The console tells no health.
         silent = sum(count >= self.patience for count in self.others.values()) >= 2
         return silent and not self.spec.piped
@@ -220,10 +218,6 @@ class Supervisor:
 
     def in_memory(self, name: str, content: bytes) -> Path:
         """Return a file that no full disk, nor who edits or deletes one, takes from a guard."""
-        if sys.platform != 'linux':
-            self.logs.mkdir(parents=True, exist_ok=True)
-            (self.logs / name).write_bytes(content)
-            return self.logs / name
         self._files.append(os.fdopen(os.memfd_create(name), 'wb'))
         self._files[-1].write(content)
         self._files[-1].flush()
@@ -445,7 +439,6 @@ def _in_child(parent: int) -> None:
     """Hold signals back until the node listens, and be interrupted when the parent dies."""
     os.setpgrp()
     signal.pthread_sigmask(signal.SIG_BLOCK, _HELD_BACK)
-    if sys.platform == 'linux':
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
-        if os.getppid() != parent:  # it has died already: nobody would say so
-            os.kill(os.getpid(), signal.SIGINT)
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
+    if os.getppid() != parent:  # it has died already: nobody would say so
+        os.kill(os.getpid(), signal.SIGINT)
