@@ -18,10 +18,12 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
 
 from hunt_ros.bag import BagWriter, write_record
 from hunt_ros.bag.cdr.message_types import standard_types
 from hunt_ros.bag.mcap.layout import Layout
+from hunt_ros.bag.mcap.writer import McapWriter
 from hunt_ros.bag.messages import STRING
 from hunt_ros.bag.record_writer import messages_of
 from hunt_ros.bag.repair import repair
@@ -135,8 +137,9 @@ def write_bag(name: str) -> None:
 
 def write_damaged() -> None:
     """The escape again, in short chunks: one has a wrong byte, and the end is cut off."""
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = write_record(Path(scratch) / 'run', kick_escapes(), chunk_bytes=1 << 16)
+    short = patch.object(McapWriter, 'chunk_bytes', 1 << 16)
+    with short, tempfile.TemporaryDirectory() as scratch:
+        folder = write_record(Path(scratch) / 'run', kick_escapes())
         data = bytearray((folder / 'run_0.mcap').read_bytes())
     chunks = Layout(memoryview(bytes(data))).chunks
     bad = chunks[len(chunks) // 5]

@@ -54,6 +54,14 @@ def assert_same(left: Record, right: Record) -> None:
 
 
 @contextmanager
+def chunks_of(size: int) -> Iterator[None]:
+    """Have the writer of this package close its chunks at so many bytes."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(OurWriter, 'chunk_bytes', size)
+        yield
+
+
+@contextmanager
 def compressed(kind: str) -> Iterator[None]:
     """Have the writer of this package compress as others do: '', lz4, zstd."""
     with pytest.MonkeyPatch.context() as patch:
@@ -64,9 +72,9 @@ def compressed(kind: str) -> Iterator[None]:
         yield
 
 
-def write_messages(path: Path, record: Record, **options: Any) -> Path:
+def write_messages(path: Path, record: Record) -> Path:
     """The same record message by message, as the live recorder writes."""
-    with BagWriter(path, **options) as writer:
+    with BagWriter(path) as writer:
         rows = []
         for name, series in record.items():
             key = writer.topic(f'/rig/{name}', CHANNEL_FIELDS[name][0])

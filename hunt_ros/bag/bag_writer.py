@@ -21,7 +21,7 @@ from rosbags.rosbag2.metadata import dump_qos_v8, parse_qos
 
 from hunt_ros.bag.blocks import Topic
 from hunt_ros.bag.cdr.message_types import definition_text
-from hunt_ros.bag.mcap.writer import CHUNK_BYTES, McapWriter
+from hunt_ros.bag.mcap.writer import McapWriter
 from hunt_ros.bag.reader import ACTIVE, NOTES
 from hunt_ros.errors import BagError
 from hunt_ros.files import write_whole
@@ -51,8 +51,6 @@ class BagWriter:
         Folder to make; it must not exist.
     notes : mapping of str to str
         Rig, operator, remarks: into every file and into metadata.yaml.
-    chunk_bytes : int
-        Size at which a chunk is closed, bytes before compression.
 
     Raises
     ------
@@ -60,17 +58,10 @@ class BagWriter:
         If the folder exists, or cannot be made or written.
     """
 
-    def __init__(
-        self,
-        path: str | Path,
-        *,
-        notes: Mapping[str, str] | None = None,
-        chunk_bytes: int = CHUNK_BYTES,
-    ) -> None:
+    def __init__(self, path: str | Path, *, notes: Mapping[str, str] | None = None) -> None:
         self.path = Path(path)
         self.active = self.path.with_name(self.path.name + ACTIVE)
         self.notes = {str(key): str(value) for key, value in (notes or {}).items()}
-        self._chunk_bytes = chunk_bytes
         self._topics: dict[str, Topic] = {}
         self._metadata: dict[str, dict[str, str]] = {NOTES: self.notes}
         self._counts: Counter[int] = Counter()
@@ -89,7 +80,7 @@ class BagWriter:
     def _open(self) -> McapWriter:
         path = self.active / f'{self.path.name}_{len(self._files)}.mcap'
         try:
-            file = McapWriter(path, self._chunk_bytes)
+            file = McapWriter(path)
             for name, strings in self._metadata.items():
                 if strings:
                     file.add_metadata(name, strings)
@@ -100,14 +91,7 @@ class BagWriter:
             raise
         return file
 
-    def topic(
-        self,
-        name: str,
-        message_type: str,
-        *,
-        latched: bool = False,
-        definition: str | None = None,
-    ) -> int:
+    def topic(self, name: str, message_type: str, *, latched: bool = False) -> int:
         """
         Describe a topic once; asking again returns the same number.
 
@@ -117,8 +101,6 @@ class BagWriter:
             '/rig/lateral', 'sensor_msgs/msg/JointState'.
         latched : bool
             Offered as transient local.
-        definition : str, optional
-            Text of the type, for one that ROS 2 itself does not have.
 
         Returns
         -------
@@ -136,7 +118,7 @@ class BagWriter:
             return known.id
         text, type_hash = definition_text(message_type)
         topic = Topic(
-            len(self._topics) + 1, name, message_type, 'cdr', 'ros2msg', definition or text,
+            len(self._topics) + 1, name, message_type, 'cdr', 'ros2msg', text,
             quality_of_service(latched), type_hash,
         )  # fmt: skip
         with self._writing():

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from hunt_ros.bag.bag_writer import BagWriter
 from hunt_ros.bag.cdr.layout import locate, parse_path
 from hunt_ros.bag.cdr.message_types import standard_definitions, standard_types
-from hunt_ros.bag.mcap.writer import CHUNK_BYTES
 from hunt_ros.errors import BagError
 from hunt_ros.samples import NANOSECONDS, Record, Series
 from hunt_ros.sensors import CHANNEL_FIELDS, JOINT_STATE
@@ -34,7 +33,6 @@ def write_record(
     *,
     namespace: str = 'rig',
     notes: Mapping[str, str] | None = None,
-    chunk_bytes: int = CHUNK_BYTES,
 ) -> Path:
     """
     Write a record as a recording with the topics of a live rig.
@@ -52,8 +50,6 @@ def write_record(
         Of the topics; '' for none.
     notes : mapping of str to str, optional
         Added to the record's own.
-    chunk_bytes : int
-        Size at which a chunk is closed, before compression.
 
     Returns
     -------
@@ -72,7 +68,7 @@ def write_record(
     together = {**record.notes, **(notes or {})}
     if problems := together.pop('problems', ''):  # those of another recording, not of this one
         together['source_problems'] = problems
-    with BagWriter(path, notes=together, chunk_bytes=chunk_bytes) as bag:
+    with BagWriter(path, notes=together) as bag:
         for message in messages_of(record, bag.topic, namespace):
             bag.write(*message)
     return Path(path)

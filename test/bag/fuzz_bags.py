@@ -24,7 +24,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
-from bags_made import compressed, make_record, write_messages, write_rosbags
+from bags_made import chunks_of, compressed, make_record, write_messages, write_rosbags
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from hunt_ros.bag import Bag, read_record
@@ -55,8 +55,8 @@ def originals(folder: Path) -> dict[str, Path]:
     record, found = Record({name: whole[name] for name in ('lateral', 'speed')}), {}
     for compression in ('', 'lz4', 'zstd'):
         name = f'mcap_{compression or "none"}'
-        with compressed(compression):
-            path = write_messages(folder / name, record, chunk_bytes=2500)
+        with compressed(compression), chunks_of(2500):
+            path = write_messages(folder / name, record)
         (found[name],) = path.glob('*.mcap')
     for name, plugin, mode in (
         ('sqlite', StoragePlugin.SQLITE3, None),

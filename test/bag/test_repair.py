@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bags_made import compressed, make_record, write_mcap, write_messages, write_rosbags
+from bags_made import chunks_of, compressed, make_record, write_mcap, write_messages, write_rosbags
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin
 
@@ -33,8 +33,8 @@ def message_set(path: Path) -> set[tuple[str, int, bytes]]:
 @pytest.fixture(scope='module', params=['', 'lz4', 'zstd'])
 def small(request, tmp_path_factory) -> Path:
     folder, record = tmp_path_factory.mktemp('small'), make_record(seconds=0.05)
-    with compressed(request.param):
-        return write_messages(folder / 'run', record, chunk_bytes=2000)
+    with compressed(request.param), chunks_of(2000):
+        return write_messages(folder / 'run', record)
 
 
 def test_every_prefix_is_read_inspected_and_repaired(small: Path, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bags_made import chunks_of
 from made import record_of
 
 from hunt_ros.bag import BagWriter, read_record, write_record
@@ -26,7 +27,8 @@ def bag(tmp_path: Path) -> Path:
         for number, name in enumerate(('lateral', 'yaw', 'roller', 'speed'))
     }
     record = Record(channels, '', {'rig': 'a', 'operator': 'b'})
-    return write_record(tmp_path / 'run', record, chunk_bytes=4096)
+    with chunks_of(4096):
+        return write_record(tmp_path / 'run', record)
 
 
 def output(capsys) -> dict:

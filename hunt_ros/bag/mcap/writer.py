@@ -27,9 +27,6 @@ from mcap.opcode import Opcode
 from hunt_ros.bag.blocks import Topic
 from hunt_ros.bag.mcap import records as rec
 
-#: Chunks are closed at this many bytes, before compression.
-CHUNK_BYTES = 1 << 20
-
 _ENTRY = struct.Struct('<QQ')
 _HEAD = struct.Struct(rec.RECORD.format + rec.MESSAGE_HEAD.format[1:])
 
@@ -42,8 +39,6 @@ class McapWriter:
     ----------
     path : str or Path
         Must not exist.
-    chunk_bytes : int
-        Size at which a chunk is closed.
 
     Raises
     ------
@@ -52,9 +47,13 @@ class McapWriter:
         an error, cut off again.
     """
 
-    def __init__(self, path: str | Path, chunk_bytes: int = CHUNK_BYTES) -> None:
+    #: Chunks are closed at this many bytes, before compression; and their compression, as MCAP
+    #: names it.
+    chunk_bytes = 1 << 20
+    compression = 'zstd'
+
+    def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self.chunk_bytes = chunk_bytes
         self.size = 0
         self.counts: Counter[int] = Counter()
         self.first_ns: int | None = None
@@ -136,9 +135,6 @@ class McapWriter:
         self._filled += _HEAD.size + len(message)
         if self._filled >= self.chunk_bytes:
             self.flush()
-
-    #: Of the chunks, as MCAP names it.
-    compression = 'zstd'
 
     @staticmethod
     def compress(raw: bytes) -> bytes:
