@@ -33,8 +33,8 @@ _FASTEST = 50.0
 _LATE_NS = 3600 * NANOSECONDS
 #: A log time so much before the one before is that of a clock that was set, ns.
 _SET_BACK_NS = NANOSECONDS // 10
-#: No recording lasts longer, s: 30 days.
-LONGEST_S = 30 * 86_400.0
+#: No recording lasts longer, ns: 30 days.
+LONGEST_NS = 30 * 86_400 * NANOSECONDS
 #: Spacing of the samples that stand for a constant channel, ns.
 CONSTANT_STEP_NS = NANOSECONDS // 100
 #: So many samples of one stamp are no mistake of a sender: nothing can be told of their motion.
@@ -231,7 +231,9 @@ def read_record(
         filled = {
             name: columns[name] for name in CHANNELS if name in columns and len(columns[name])
         }
-        _check_span(bag, filled)
+        _refuse_stopped(filled, str(bag.path))
+        first, last = bag.span_ns or (0, 0)
+        refuse_years(filled, str(bag.path), _FASTEST * (last - first) + _LATE_NS)
         for name in require:
             if name in filled or (name in sources and name not in measured):
                 continue
@@ -252,26 +254,37 @@ def read_record(
         return Record(with_constants(filled, sources, path), path, notes)
 
 
-def _check_span(bag: Bag, columns: Mapping[str, Series]) -> None:
-    """Refuse stamps that are no times: the record would last for years, nearly all of it empty."""
-    first, last = bag.span_ns or (0, 0)
-    longest = _FASTEST * (last - first) + _LATE_NS
+def _refuse_stopped(columns: Mapping[str, Series], where: str) -> None:
+    """Refuse a clock that stands still."""
     for name, one in columns.items():
         times = different(one.stamps_ns)
         if _FEWEST_TIMES * times < len(one) and bursts_of(one.stamps_ns) is None:
             raise MessageError(
-                f'{bag.path}: {name}: {len(one)} samples at {counted(times, "different time")}:'
+                f'{where}: {name}: {len(one)} samples at {counted(times, "different time")}:'
                 ' its clock stands still'
             )
+
+
+def refuse_years(
+    columns: Mapping[str, Series], where: str, longest_ns: float = LONGEST_NS
+) -> None:
+    """
+    Refuse stamps that are no times: the record would last for years, nearly all of it empty.
+
+    Raises
+    ------
+    MessageError
+        Naming where they come from, and the one that is the farthest from the others.
+    """
     ends = _ends(columns)
-    if not ends or max(ends)[0] - min(ends)[0] <= longest:
+    if not ends or max(ends)[0] - min(ends)[0] <= longest_ns:
         return
     middle = float(np.median(np.concatenate([one.stamps_ns for one in columns.values()])))
     odd, name = max(ends, key=lambda end: abs(end[0] - middle))
     raise MessageError(
-        f'{bag.path}: {name}: a stamp of {odd / NANOSECONDS:.10g} s,'
-        f' {abs(odd - middle) / NANOSECONDS:.3g} s from the others, in a recording that took'
-        f' {(last - first) / NANOSECONDS:.4g} s: its clock was not set'
+        f'{where}: {name}: a stamp of {odd / NANOSECONDS:.10g} s,'
+        f' {abs(odd - middle) / NANOSECONDS:.3g} s from the others:'
+        ' its clock was not set, or the unit of its times is another one'
     )
 
 
@@ -283,16 +296,6 @@ def _ends(columns: Mapping[str, Series]) -> list[tuple[int, str]]:
         if len(one)
         for end in (one.stamps_ns.min(), one.stamps_ns.max())
     ]
-
-
-def refuse_years(first_ns: int, last_ns: int, where: str) -> None:
-    """Raise a BagError, with the file it names, where stamps span more than any recording."""
-    span_s = (last_ns - first_ns) / NANOSECONDS
-    if span_s > LONGEST_S:
-        raise BagError(
-            f'{where}: its stamps are {span_s / 86_400.0:.4g} days apart: its'
-            ' clock was not set, or the unit of its times is another one'
-        )
 
 
 def with_constants(
@@ -311,8 +314,8 @@ def with_constants(
     }
     stamps, ends = np.zeros(0, np.int64), _ends(columns)
     if constants and ends:
+        refuse_years(columns, where)
         (first, _), (last, _) = min(ends), max(ends)
-        refuse_years(first, last, where)
         stamps = np.arange(first, last + 1, CONSTANT_STEP_NS, dtype=np.int64)
         if stamps[-1] != last:
             stamps = np.append(stamps, np.int64(last))

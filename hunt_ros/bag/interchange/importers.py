@@ -93,9 +93,8 @@ def load_record(
         raise BagError(f'{path}: {error}{table.doubt}') from error
     told = {'source': Path(path).name, 'units_assumed': _assumed(table, mapping), **table.told}
     notes = {name: text for name, text in told.items() if text}
-    record = Record(with_constants(series, mapping, str(path)), str(path), notes)
-    refuse_years(record.start_ns, record.end_ns, str(path))
-    return record
+    refuse_years(series, str(path))
+    return Record(with_constants(series, mapping, str(path)), str(path), notes)
 
 
 def _channels(

@@ -157,7 +157,7 @@ def test_times_that_are_none_are_refused(tmp_path: Path) -> None:
     microseconds, too_late = np.arange(300) * 10_000, np.arange(300) * 10**16
     for times in (microseconds, too_late.astype('datetime64[us]')):
         np.savez(tmp_path / 'a.npz', lateral=np.zeros(300), t=times)
-        with pytest.raises(BagError, match=r'days apart|reaches beyond'):
+        with pytest.raises(BagError, match=r'clock was not set|reaches beyond'):
             load_record(tmp_path / 'a.npz', ['speed=5'], time='t')
 
 
