@@ -13,7 +13,6 @@ from __future__ import annotations
 import time
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -45,20 +44,13 @@ class SampleClock:
     tick_s : float
         Nominal length of a tick, s: the sample period where the ticks are sample numbers, 1e-9
         where they are stamps in ns.
-    steady_ns, host_ns : callable
-        The clocks of the host, ns; for tests. The line is kept on the steady one: a host clock
-        that is set moves the stamps at once and by as much.
+
+    The line is kept on the steady clock of the host: a host clock that is set moves the stamps at
+    once and by as much.
     """
 
-    def __init__(
-        self,
-        tick_s: float,
-        *,
-        steady_ns: Callable[[], int] = time.monotonic_ns,
-        host_ns: Callable[[], int] = time.time_ns,
-    ) -> None:
+    def __init__(self, tick_s: float) -> None:
         self._nominal_ns = tick_s * NANOSECONDS
-        self._steady_ns, self._host_ns = steady_ns, host_ns
         self.reset()
 
     def reset(self) -> None:
@@ -67,11 +59,6 @@ class SampleClock:
         self._slope_ns = self._nominal_ns
         self._base = _Arrival(0, 0)  # a point of the line
         self._last: _Arrival | None = None  # tick and stamp given last, steady clock
-
-    @property
-    def tick_s(self) -> float:
-        """Measured length of a tick, s."""
-        return self._slope_ns / NANOSECONDS
 
     def stamps(self, ticks: ArrayLike, arrived_ns: int | None = None) -> NDArray[np.int64]:
         """
@@ -89,7 +76,7 @@ class SampleClock:
         if not counts.size:
             return np.zeros(0, dtype=np.int64)
         if arrived_ns is None:
-            arrived_ns = self._steady_ns()
+            arrived_ns = time.monotonic_ns()
         if self._last is not None and counts[0] <= self._last.tick:
             self.reset()
         self._note(_Arrival(int(counts[-1]), arrived_ns))
@@ -103,8 +90,7 @@ class SampleClock:
             least = self._last.arrived_ns + np.maximum(np.rint(passed), 1).astype(np.int64)
             steady = np.maximum(steady, least)
         self._last = _Arrival(int(counts[-1]), int(steady[-1]))
-        offset_ns = host_less_steady_ns(self._steady_ns, self._host_ns)
-        return np.asarray(steady + offset_ns, dtype=np.int64)
+        return np.asarray(steady + host_less_steady_ns(), dtype=np.int64)
 
     def _note(self, arrival: _Arrival) -> None:
         """Take an arrival into the window, and draw the line anew where it counts."""
@@ -149,13 +135,11 @@ class SampleClock:
         self._base = min(self._arrivals, key=self._delay_ns)
 
 
-def host_less_steady_ns(
-    steady_ns: Callable[[], int] = time.monotonic_ns, host_ns: Callable[[], int] = time.time_ns
-) -> int:
+def host_less_steady_ns() -> int:
     """Return host clock less steady clock, ns: of three readings the least disturbed."""
     readings = []
     for _ in range(3):
-        before, host, after = steady_ns(), host_ns(), steady_ns()
+        before, host, after = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
         readings.append((after - before, host - (before + after) // 2))
     return min(readings)[1]
 
