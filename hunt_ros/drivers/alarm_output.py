@@ -26,8 +26,6 @@ from hunt_ros.rig import refuse_slips, told_by
 from hunt_ros.settings import setting
 from hunt_ros.suite import ALARM_OUTPUTS, START_S
 
-#: A sound is played so often; one that is longer than this hangs, and so does a command, s.
-_SOUND_EVERY_S, _LONGEST_SOUND_S, _LONGEST_COMMAND_S = 2.0, 120.0, 10.0
 _fixed = partial(setting, fixed=True)
 
 
@@ -181,8 +179,6 @@ class Command(AlarmOutput):
     ----------
     text : str
         As on a command line; no shell reads it.
-    longest_s : float
-        It is ended after so long.
 
     Raises
     ------
@@ -190,8 +186,10 @@ class Command(AlarmOutput):
         If there is no such program.
     """
 
-    def __init__(self, text: str, longest_s: float = _LONGEST_COMMAND_S) -> None:
-        self._longest_s = longest_s
+    #: It is ended after so long.
+    longest_s = 10.0
+
+    def __init__(self, text: str) -> None:
         try:
             self._words = shlex.split(text)
         except ValueError as error:
@@ -206,7 +204,7 @@ class Command(AlarmOutput):
             self._run(condition.value, cause)
 
     def _run(self, *arguments: str) -> None:
-        name, words, longest_s = self._words[0], [*self._words, *arguments], self._longest_s
+        name, words, longest_s = self._words[0], [*self._words, *arguments], self.longest_s
         try:
             null = subprocess.DEVNULL
             done = subprocess.run(words, stdin=null, capture_output=True, timeout=longest_s)
@@ -222,11 +220,9 @@ class Command(AlarmOutput):
 class Sound(Command):
     """Sounds again and again while somebody must come: its command plays a sound."""
 
-    repeat_s = _SOUND_EVERY_S
+    repeat_s = 2.0
+    longest_s = 120.0
     horn = True
-
-    def __init__(self, text: str) -> None:
-        super().__init__(text, _LONGEST_SOUND_S)
 
     def show(self, condition: Condition, cause: str) -> None:
         """Sound once; raises DriverError where that fails."""

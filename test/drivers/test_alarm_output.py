@@ -63,7 +63,8 @@ def test_a_command_that_fails_or_hangs_is_one_line(program) -> None:
     output = Command(program('echo no modem >&2; exit 3'))
     with pytest.raises(DriverError, match=r'exit code 3 \(no modem\)'):
         output.show(Condition.ALARM, '')
-    hanging = Command(program('exec sleep 60'), 0.2)
+    hanging = Command(program('exec sleep 60'))
+    hanging.longest_s = 0.2
     with pytest.raises(DriverError, match=r'ended after 0\.2 s'):
         hanging.show(Condition.ALARM, '')
     Path(output._words[0]).unlink()
