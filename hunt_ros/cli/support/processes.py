@@ -43,14 +43,10 @@ class NodeSpec:
 
     def command(self, namespace: str) -> list[str]:
         """Return the command line of the process."""
-        entry = [sys.executable, '-m', 'hunt_ros.nodes.entry']
-        return [*entry, *(self.nodes or (self.module,)), *self.ros_arguments(namespace)]
-
-    def ros_arguments(self, namespace: str) -> list[str]:
-        """Return the part of it that rclpy reads."""
         where = f'/{namespace.strip("/")}'
+        words = [sys.executable, '-m', 'hunt_ros.nodes.entry', *(self.nodes or (self.module,))]
         # Under SROS2 each process has the key of its own enclave, else it is only a name.
-        words = ['--ros-args', '-r', f'__ns:={where}', '--enclave', f'{where}/{self.module}']
+        words += ['--ros-args', '-r', f'__ns:={where}', '--enclave', f'{where}/{self.module}']
         for path in self.parameter_files:
             words += ['--params-file', str(path)]
         for name, value in self.parameters.items():

@@ -30,8 +30,7 @@ def simulated_run(
     folder: Path,
     profile: Profile,
     pace: float,
-    kicks: Sequence[tuple[float, float]] = (),
-    rate_hz: float = 200.0,
+    kicks: Sequence[tuple[float, float]],
     seed: int = 1,
 ) -> dict[str, dict[str, object]]:
     """
@@ -47,15 +46,13 @@ def simulated_run(
         Seconds of the rig in a second.
     kicks : sequence of (float, float)
         Time, s, and size, m, of the bumps.
-    rate_hz : float
-        Of both sensors.
     seed : int
         Of everything random.
     """
     path = folder / 'profile.yaml'
     path.write_text(profile.to_yaml(), encoding='utf-8')
     port = free_port()
-    rate: dict[str, object] = {'sample_rate_hz': rate_hz, 'port': port}
+    rate: dict[str, object] = {'sample_rate_hz': 200.0, 'port': port}
     return {
         SIMULATOR: {
             **rate,
