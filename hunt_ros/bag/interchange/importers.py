@@ -29,8 +29,6 @@ TIMES: tuple[str, ...] = (
     *(f'{name}_{unit}' for name in _CLOCKS for unit in TIME_UNITS),
     *('time', 't', 'timestamp', 'seconds', 'x_value'),
 )
-#: Between two runs of an array of structures, s.
-RUN_GAP_S = 3.0
 #: Where more samples than this share of all have the time of another one, its clock is coarse:
 #: they are spread over its ticks, if there are so many.
 _SHARED, _TICKS = 0.1, 10
@@ -60,9 +58,8 @@ def load_record(
     channels : mapping or sequence
         `{'yaw': 'data[0]', 'lateral': 'data[1]*0.47', 'speed': 16.3}`. The others are found
         by name: lateral, yaw, roller, speed, with a unit behind (`lateral_mm`, `speed_kmh`),
-        with the unit that the file tells, or in SI. `runs[:].plunge` takes all runs of an
-        array of structures, one behind the other; one number of each, as the speed, holds
-        for its run.
+        with the unit that the file tells, or in SI. One number alone, as the speed of a run,
+        holds for all of it.
     rate_hz : float, optional
         Sample rate of a file without times; its first stamp is 1 s.
     time : str, optional
@@ -106,37 +103,26 @@ def _channels(
     sources = {name: source for name, source in mapping.items() if source.constant is None}
     for name, source in sources.items():
         _check_unit(table, name, source)
-    runs = {name: select(table, source.source) for name, source in sources.items()}
-    if all(run.size < 2 for several in runs.values() for run in several):
+    columns = {name: select(table, source.source) for name, source in sources.items()}
+    if all(column.size < 2 for column in columns.values()):
         raise BagError('no channel has more than one value, expected a series of the file')
-    stamps = _clocks(table, sources, runs, rate_hz, time)
-    series = {
-        name: _series(sources[name], several, stamps[name]) for name, several in runs.items()
-    }
+    stamps = _clocks(table, sources, columns, rate_hz, time)
+    series = {name: _series(sources[name], columns[name], stamps[name]) for name in columns}
     return series, mapping
 
 
-def _series(
-    source: ChannelSource,
-    runs: list[NDArray[Any]],
-    clock: list[NDArray[np.int64]],
-) -> Series:
-    """Return the samples of a channel over all runs."""
-    if len(runs) != len(clock):
-        raise BagError(f'{source.source} has {len(runs)} runs, the times {len(clock)}')
-    stamps_of, values_of = [], []
-    for values, stamps in zip(runs, clock, strict=True):
-        if values.dtype.kind == 'M':
-            raise BagError(f'{source.source} holds times, expected numbers')
-        if values.size == 1:
-            values = np.full(stamps.size, values[0])
-        if stamps.size != values.size:
-            raise BagError(f'{source.source} has {values.size} values for {stamps.size} times')
-        # An empty cell is no sample; one that says "nan" is a sample that failed.
-        there = ~np.ma.getmaskarray(values)
-        stamps_of.append(stamps[there])
-        values_of.append(np.ma.getdata(values)[there].astype(np.float64))
-    stamps, values = np.concatenate(stamps_of), _without_codes(np.concatenate(values_of))
+def _series(source: ChannelSource, values: NDArray[Any], stamps: NDArray[np.int64]) -> Series:
+    """Return the samples of a channel."""
+    if values.dtype.kind == 'M':
+        raise BagError(f'{source.source} holds times, expected numbers')
+    if values.size == 1:
+        values = np.full(stamps.size, values[0])
+    if stamps.size != values.size:
+        raise BagError(f'{source.source} has {values.size} values for {stamps.size} times')
+    # An empty cell is no sample; one that says "nan" is a sample that failed.
+    there = ~np.ma.getmaskarray(values)
+    stamps, values = stamps[there], np.ma.getdata(values)[there].astype(np.float64)
+    values = _without_codes(values)
     if not np.isfinite(values).any():
         raise BagError(f'{source.source} holds no finite number')
     times = different(stamps)
@@ -159,25 +145,23 @@ def _without_codes(values: NDArray[np.float64]) -> NDArray[np.float64]:
 def _clocks(
     table: Table,
     sources: Mapping[str, ChannelSource],
-    runs: Mapping[str, list[NDArray[Any]]],
+    columns: Mapping[str, NDArray[Any]],
     rate_hz: float | None,
     time: str | None,
-) -> dict[str, list[NDArray[np.int64]]]:
-    """Return the stamps of each channel in each run, ns: its own, or those of all."""
-    clocks: dict[str, list[NDArray[np.int64]]] = {}
+) -> dict[str, NDArray[np.int64]]:
+    """Return the stamps of each channel, ns: its own, or those of all."""
+    clocks: dict[str, NDArray[np.int64]] = {}
     if rate_hz is None and time is None:
         own = {name: table.stamps_ns.get(source.source) for name, source in sources.items()}
-        clocks = {name: [stamps] for name, stamps in own.items() if stamps is not None}
-    if clocks.keys() != runs.keys():
+        clocks = {name: stamps for name, stamps in own.items() if stamps is not None}
+    if clocks.keys() != columns.keys():
         if rate_hz is not None:
-            lengths = (max(one.size for one in run) for run in zip(*runs.values(), strict=False))
-            steps = (np.arange(length) / rate_hz * NANOSECONDS for length in lengths)
-            times = [np.rint(step).astype(np.int64) for step in steps]
+            length = max(column.size for column in columns.values())
+            times = np.rint(np.arange(length) / rate_hz * NANOSECONDS).astype(np.int64)
         else:
             source = _time_source(table, time)
-            ticks = [_to_ns(part, source) for part in select(table, source.source)]
-            times = [_spread(part, table) for part in ticks]
-            apart = np.concatenate([np.diff(part) for part in times]) / NANOSECONDS
+            times = _spread(_to_ns(select(table, source.source), source), table)
+            apart = np.diff(times) / NANOSECONDS
             step = float(np.median(apart)) if apart.size >= _FEWEST else _STEPS_S[1]
             taken = time is None and source.scale == 1.0  # for seconds
             if taken and not _STEPS_S[0] <= step <= _STEPS_S[1]:
@@ -186,18 +170,10 @@ def _clocks(
                     f' (--time {source.source} of seconds, {source.source}*0.001 of milliseconds,'
                     f' {source.source}*86400 of days)'
                 )
-        clocks = dict.fromkeys(runs, times) | clocks
-    # From 1 s where the times begin near zero; runs one behind the other.
-    begin_ns, several = NANOSECONDS, max(len(clock) for clock in clocks.values()) > 1
-    laid: dict[str, list[NDArray[np.int64]]] = {name: [] for name in clocks}
-    for parts in zip(*clocks.values(), strict=False):
-        first = min((int(part[0]) for part in parts if part.size), default=begin_ns)
-        shift = begin_ns - first if several or first < NANOSECONDS else 0
-        for name, part in zip(laid, parts, strict=True):
-            laid[name].append(part + shift)
-        last = max((int(part[-1]) for part in parts if part.size), default=first)
-        begin_ns = last + shift + round(RUN_GAP_S * NANOSECONDS)
-    return laid
+        clocks = dict.fromkeys(columns, times) | clocks
+    first = min((int(stamps[0]) for stamps in clocks.values() if stamps.size), default=NANOSECONDS)
+    shift = max(0, NANOSECONDS - first)
+    return {name: stamps + shift for name, stamps in clocks.items()}
 
 
 def _time_source(table: Table, time: str | None) -> ChannelSource:

@@ -99,16 +99,15 @@ def load_table(path: str | Path) -> Table:
     return table if isinstance(table, Table) else Table(table)
 
 
-def select(table: Mapping[str, Any], source: str) -> list[NDArray[Any]]:
+def select(table: Mapping[str, Any], source: str) -> NDArray[Any]:
     """
-    Pick a series out of a table: `y`, `data[1]`, `data[:,2]`, `runs[6].force`, `runs[:].force`.
+    Pick a series out of a table: `y`, `data[1]`, `data[:,2]`, `runs[6].force`.
 
-    Indices count from zero, rows before columns. `[:]` of an array of structures, or of
-    cells, takes all of them: several series, whose lengths may differ.
+    Indices count from zero, rows before columns.
 
     Returns
     -------
-    list of ndarray, shape (n,)
+    ndarray, shape (n,)
         Numbers or times; a masked array where the file has empty cells. One number alone
         has shape (1,).
 
@@ -118,25 +117,25 @@ def select(table: Mapping[str, Any], source: str) -> list[NDArray[Any]]:
         If there is no such series, or it is not one-dimensional or not numeric.
     """
     if source in table:
-        return [_series(table[source], source)]
+        return _series(table[source], source)
     base = source.partition('[')[0].strip()
     if not base:
         raise BagError(f'{source!r} names nothing, expected one of {_shown(table)}')
-    values: list[Any] = [table]
+    value: Any = table
     position, end = 0, len(source.rstrip())
     if base in table:
-        values, position = [table[base]], source.index(base) + len(base)
+        value, position = table[base], source.index(base) + len(base)
     while position < end:
         match = _STEP.match(source, position)
         if match is None:
             raise BagError(f'{source!r}: expected an index such as [0] or [:,0]')
         name, inside = match.groups()
         if name is not None:
-            values = [_part(value, name.strip(), source) for value in values]
+            value = _part(value, name.strip(), source)
         else:
-            values = [one for value in values for one in _elements(value, inside, source)]
+            value = _element(value, inside, source)
         position = match.end()
-    return [_series(value, source) for value in values]
+    return _series(value, source)
 
 
 def _series(value: Any, source: str) -> NDArray[Any]:
@@ -147,7 +146,7 @@ def _series(value: Any, source: str) -> NDArray[Any]:
     if _is_list(value):
         raise BagError(
             f'{source} is an array of {len(value)} structures, expected one such as'
-            f' {source}[0].{_shown(value[0]) or "..."}, or all of them, {source}[:]'
+            f' {source}[0].{_shown(value[0]) or "..."}'
         )
     array = np.asanyarray(value)
     if array.dtype.kind not in 'biufM':
@@ -176,12 +175,12 @@ def _part(value: Any, name: str, source: str) -> Any:
         return value[name]
     known = _shown(value) if isinstance(value, Mapping) else 'no parts'
     if _is_list(value):
-        known = f'{len(value)} structures: [0] to [{len(value) - 1}], or [:] for all'
+        known = f'{len(value)} structures: [0] to [{len(value) - 1}]'
     raise BagError(f'there is no {name!r} for {source!r}, it has {known}')
 
 
-def _elements(value: Any, inside: str, source: str) -> list[Any]:
-    """Return a part of an array by its index; of an array of structures, `[:]` takes all."""
+def _element(value: Any, inside: str, source: str) -> Any:
+    """Return a part of an array by its index."""
     if isinstance(value, Mapping):  # one structure, or in version 7.3 the lists of several
         lists = all(isinstance(part, list) for part in value.values())
         if lists and len({len(part) for part in value.values()}) == 1:
@@ -193,8 +192,8 @@ def _elements(value: Any, inside: str, source: str) -> list[Any]:
         parts = [part.strip() for part in inside.split(',')]
         index = tuple(slice(None) if part == ':' else int(part) for part in parts)
         if _is_list(value) and len(index) == 1:
-            return list(value) if parts == [':'] else [value[index[0]]]
-        return [np.asarray(value)[index]]
+            return value[index[0]]
+        return np.asarray(value)[index]
     except (IndexError, ValueError) as error:
         shape = ' x '.join(map(str, np.shape(value) if not _is_list(value) else (len(value),)))
         raise BagError(f'{source!r}: no [{inside}] in {shape} numbers') from error
