@@ -38,17 +38,23 @@ class IdentificationError(HuntError):
 
 def one_line(error: BaseException) -> str:
     """Return an error as one line; one that is not ours with the name of its class."""
+    if said := not_installed(error):
+        return said
     text = ' '.join(str(error).split())
     return text if isinstance(error, HuntError) else f'{type(error).__name__}: {text}'
 
 
-#: Libraries that only a part needs: recordings, the page, a format of tables. No package of
-#: Ubuntu or of ROS brings all of a part.
-_BY_PIP = ('rosbags mcap lz4 zstandard', 'tornado', 'pyarrow', 'nptdms', 'pymatreader h5py')
+#: Libraries that only a part needs: recordings, the page, a format of tables, hardware. No package
+#: of Ubuntu or of ROS brings all of a part.
+_BY_PIP = (
+    *('rosbags mcap lz4 zstandard', 'tornado', 'pyarrow', 'nptdms', 'pymatreader h5py'),
+    *('pymodbus pyserial', 'nidaqmx'),
+)
 
 
 def not_installed(error: BaseException) -> str:
     """Return what to say where one of these libraries is missing; '' for any other error."""
     name = (error.name or '').partition('.')[0] if isinstance(error, ModuleNotFoundError) else ''
+    name = 'pyserial' if name == 'serial' else name
     part = next((part for part in _BY_PIP if name in part.split()), '')
     return f'{name} is not installed: pip install {part}' if part else ''

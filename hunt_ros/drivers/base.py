@@ -16,8 +16,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import EntryPoint, distributions
@@ -75,17 +74,6 @@ class DriveBlock:
     angle_rad: NDArray[np.float64] = field(default_factory=_no_values)
     speed_mps: NDArray[np.float64] = field(default_factory=_no_values)
     foreign_mps: float = math.nan
-
-
-@contextmanager
-def of_extra(extra: str, who: object) -> Iterator[None]:
-    """Import a library of an extra of the package inside; ConfigError where it is missing."""
-    try:
-        yield
-    except ImportError as error:
-        raise ConfigError(
-            f"{who}: {error.name} is not installed (pip install 'hunt_ros[{extra}]')"
-        ) from error
 
 
 class Driver(ABC):

@@ -22,14 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hunt_ros.drivers.base import (
-    DriveBlock,
-    DriveDriver,
-    Driver,
-    SensorBlock,
-    SensorDriver,
-    of_extra,
-)
+from hunt_ros.drivers.base import DriveBlock, DriveDriver, Driver, SensorBlock, SensorDriver
 from hunt_ros.drivers.sample_clock import Counter, host_less_steady_ns
 from hunt_ros.errors import ConfigError, DriverError, RefusedError
 from hunt_ros.samples import NANOSECONDS
@@ -213,13 +206,13 @@ class ModbusLink:
 
         Raises
         ------
-        ConfigError
+        ImportError
             If pymodbus is not installed.
         DriverError
             If nobody answers there.
         """
-        with of_extra('modbus', self._bus):
-            from pymodbus.client import ModbusSerialClient, ModbusTcpClient
+        from pymodbus.client import ModbusSerialClient, ModbusTcpClient
+
         # What it logs is said by our errors; without a handler it goes to standard error.
         logging.getLogger('pymodbus').addHandler(logging.NullHandler())
         bus = self._bus

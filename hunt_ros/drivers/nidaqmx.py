@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from hunt_ros.drivers.base import SensorBlock, SensorDriver, of_extra
+from hunt_ros.drivers.base import SensorBlock, SensorDriver
 from hunt_ros.drivers.sample_clock import SampleClock
 from hunt_ros.errors import ConfigError, DriverError, RefusedError
 from hunt_ros.settings import Settings, setting
@@ -63,14 +63,14 @@ class Sensor(SensorDriver):
 
         Raises
         ------
-        ConfigError
+        ImportError
             If the library is not installed.
         DriverError
             With the reason of NI-DAQmx.
         """
-        with of_extra('nidaqmx', self):
-            import nidaqmx
-            from nidaqmx.constants import AcquisitionType, TerminalConfiguration
+        import nidaqmx
+        from nidaqmx.constants import AcquisitionType, TerminalConfiguration
+
         settings = self.settings
         try:
             self._task = nidaqmx.Task()

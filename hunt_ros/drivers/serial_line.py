@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from hunt_ros.drivers.base import SensorBlock, SensorDriver, of_extra
+from hunt_ros.drivers.base import SensorBlock, SensorDriver
 from hunt_ros.drivers.sample_clock import SampleClock
 from hunt_ros.errors import ConfigError, DriverError, RefusedError
 from hunt_ros.samples import NANOSECONDS
@@ -74,13 +74,13 @@ class Sensor(SensorDriver):
 
         Raises
         ------
-        ConfigError
+        ImportError
             If pyserial is not installed.
         DriverError
             If the port is not there or taken.
         """
-        with of_extra('serial', self):
-            import serial
+        import serial
+
         settings = self.settings
         try:
             self._port = serial.Serial(settings.serial_port, settings.baud_rate, exclusive=True)

@@ -32,7 +32,7 @@ from typing import IO, Any
 from hunt_ros.cli.support.processes import NodeSpec, claim_domain, require_ros
 from hunt_ros.compiled import compile_all
 from hunt_ros.drivers.alarm_output import AlarmOutput, Condition
-from hunt_ros.errors import HuntError
+from hunt_ros.errors import HuntError, one_line
 from hunt_ros.suite import (
     AGAIN,
     ALARM_OUTPUTS,
@@ -312,7 +312,7 @@ class Supervisor:
         try:
             output.show(Condition.DOUBT, cause)
         except Exception as error:  # whatever a library of the hardware raises
-            self._told.put(f'{name}: {error}')
+            self._told.put(f'{name}: {one_line(error)}')
 
     def heard(self, node: str) -> None:
         """Take note that a node, with its full name, has told its health."""
