@@ -114,6 +114,20 @@ def by_topic(
         yield topic, joined
 
 
+def packed_topics(block: Block, topics: Mapping[int, Topic]) -> set[int]:
+    """
+    Return the topics, of those known, whose messages were compressed one by one.
+
+    They say so themselves: a message in CDR does not begin as a zstd frame does (RFC 8878, 3.1.1).
+    """
+    return {
+        key
+        for key, places in block.places.items()
+        if places.starts.size and key in topics and topics[key].encoding == 'cdr'
+        if block.data[places.starts[0] :][:4].tobytes() == zstandard.FRAME_HEADER
+    }
+
+
 def expand_messages(
     block: Block,
     topics: Mapping[int, Topic],
@@ -122,8 +136,6 @@ def expand_messages(
 ) -> Block:
     """
     Expand messages that were compressed one by one (rosbag2 compression mode MESSAGE).
-
-    They say so themselves: a message in CDR does not begin as a zstd frame does.
 
     Parameters
     ----------
@@ -141,12 +153,7 @@ def expand_messages(
     BagError
         If a message cannot be expanded.
     """
-    packed = {
-        key
-        for key, places in block.places.items()
-        if places.starts.size and topics[key].encoding == 'cdr'
-        if is_compressed(block.data[places.starts[0] : places.starts[0] + 4].tobytes())
-    }
+    packed = packed_topics(block, topics)
     if not packed:
         return block
     budget = LARGEST_CHUNK
@@ -177,11 +184,6 @@ def strided(data: NDArray[np.uint8], kind: str, offset: int) -> NDArray[Any]:
     count = max(0, data.size - offset - step + 1)
     view: NDArray[Any] = np.ndarray((count,), dtype=kind, buffer=data, offset=offset, strides=(1,))
     return view
-
-
-def is_compressed(data: bytes) -> bool:
-    """Return True for what begins as a zstd frame (RFC 8878, 3.1.1), and so not as CDR."""
-    return data[:4] == zstandard.FRAME_HEADER
 
 
 def expand(data: bytes | memoryview, compression: str, size: int) -> bytes | memoryview:

@@ -12,7 +12,7 @@ import fcntl
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,10 +21,9 @@ from typing import IO
 import numpy as np
 from mcap import records as peer
 from mcap.opcode import Opcode
-from numpy.typing import NDArray
 
 from hunt_ros.bag.bag_writer import FileEntry, folder_metadata, offered_qos
-from hunt_ros.bag.blocks import Places, Topic, expand_zstd, is_compressed
+from hunt_ros.bag.blocks import Block, Topic, expand_zstd, in_order, packed_topics
 from hunt_ros.bag.cdr.layout import extent
 from hunt_ros.bag.cdr.message_types import Definitions, definition_text, definitions_of
 from hunt_ros.bag.mcap import records as rec
@@ -167,7 +166,7 @@ def _copy_mcap(file: McapFile, writer: McapWriter, report: Repair) -> None:
             report.lost_spans_ns.append((chunk.first_ns, chunk.last_ns))
             report.lost_bytes += end - chunk.offset
             report.problems.append(f'bytes {chunk.offset} to {end}: a chunk: {error}')
-    _copy_messages(np.frombuffer(file.view, np.uint8), layout.loose, layout, writer)
+    _copy_messages(Block(np.frombuffer(file.view, np.uint8), layout.loose), layout, writer)
     if not layout.ended:
         report.problems.append('the end of the recording is missing')
     left_out = (f'{count} {what} are left out' for what, count in layout.left_out.items() if count)
@@ -187,7 +186,7 @@ def copy_chunk(layout: Layout, chunk: rec.Chunk, writer: McapWriter) -> None:
         chunk.crc
         and (first, last) == (chunk.first_ns, chunk.last_ns)
         and found.keys() <= layout.channels.keys()
-        and not any(_is_packed(layout, key, data, places) for key, places in found.items())
+        and not packed_topics(Block(data, found), layout.topics)
     ):
         entries = {
             key: np.stack([part.log_ns, part.starts - rec.MESSAGE_PREFIX], axis=1).tobytes()
@@ -199,24 +198,18 @@ def copy_chunk(layout: Layout, chunk: rec.Chunk, writer: McapWriter) -> None:
     layout.left_out[IMPOSSIBLE] += sum(
         found[key].log_ns.size - places.log_ns.size for key, places in possible.items()
     )
-    _copy_messages(data, possible, layout, writer)
+    _copy_messages(Block(data, possible), layout, writer)
 
 
-def _copy_messages(
-    data: NDArray[np.uint8], found: Mapping[int, Places], layout: Layout, writer: McapWriter
-) -> None:
+def _copy_messages(block: Block, layout: Layout, writer: McapWriter) -> None:
     """Copy those as their types say, in their order, what was compressed alone expanded."""
-    known = {key: places for key, places in found.items() if key in layout.channels}
-    packed = {key: _is_packed(layout, key, data, places) for key, places in known.items()}
-    types = {topic.id: (_definitions(topic), topic.type) for topic in layout.topics}
-    rows = sorted(
-        (start, length, key)
-        for key, places in known.items()
-        for start, length in zip(places.starts.tolist(), places.lengths.tolist(), strict=True)
-    )
-    for start, length, key in rows:
-        message = data[start : start + length].tobytes()
-        if packed[key]:
+    packed = packed_topics(block, layout.topics)
+    types = {key: (_definitions(topic), topic.type) for key, topic in layout.topics.items()}
+    for start, length, _, key in in_order(block.places):
+        if key not in types:
+            continue
+        message = block.data[start : start + length].tobytes()
+        if key in packed:
             try:
                 message = expand_zstd(message)
             except ValueError:
@@ -225,7 +218,7 @@ def _copy_messages(
         if not _is_of(*types[key], message):
             layout.left_out['messages that are not as their type says'] += 1
             continue
-        head = rec.MESSAGE_HEAD.unpack_from(data.data, start - rec.MESSAGE_HEAD.size)
+        head = rec.MESSAGE_HEAD.unpack_from(block.data.data, start - rec.MESSAGE_HEAD.size)
         writer.add_record(message, *head)
 
 
@@ -243,13 +236,6 @@ def _is_of(definitions: Definitions | None, message_type: str, message: bytes) -
         return definitions is None or extent(definitions, message_type, message)[0] <= len(message)
     except Exception:  # whatever the walk meets in damaged bytes
         return False
-
-
-def _is_packed(layout: Layout, key: int, data: NDArray[np.uint8], places: Places) -> bool:
-    """Return True for messages that were compressed alone: the copy says nothing of that."""
-    if layout.channels[key].message_encoding != 'cdr' or not places.starts.size:
-        return False
-    return is_compressed(data[places.starts[0] :][:4].tobytes())
 
 
 def _describe(active: Path) -> Counter[str]:

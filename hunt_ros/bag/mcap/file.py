@@ -88,7 +88,7 @@ class McapFile:
         except BaseException:
             self.close()
             raise
-        self.topics = layout.topics
+        self.topics = list(layout.topics.values())
         self.counts = dict(layout.counts)
         self.metadata = [(part.name, part.metadata) for part in layout.metadata]
         self.problems = [f'no usable summary: {layout.no_summary}'] if layout.no_summary else []

@@ -13,6 +13,7 @@ from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -90,20 +91,18 @@ class Layout:
         self._walk(self._read_summary())
         self._settle()
 
-    @property
-    def topics(self) -> list[Topic]:
-        """The channels with their schemas."""
+    @cached_property
+    def topics(self) -> dict[int, Topic]:
+        """The channels with their schemas, by id."""
         none = peer.Schema(0, b'', '', '')
-        result = []
-        for channel in self.channels.values():
+        result = {}
+        for key, channel in self.channels.items():
             schema = self.schemas.get(channel.schema_id, none)
-            result.append(
-                Topic(
-                    channel.id, channel.topic, schema.name, channel.message_encoding,
-                    schema.encoding, schema.data.decode('utf-8', 'replace'),
-                    channel.metadata.get('offered_qos_profiles', ''),
-                    channel.metadata.get('topic_type_hash', ''),
-                )
+            result[key] = Topic(
+                key, channel.topic, schema.name, channel.message_encoding,
+                schema.encoding, schema.data.decode('utf-8', 'replace'),
+                channel.metadata.get('offered_qos_profiles', ''),
+                channel.metadata.get('topic_type_hash', ''),
             )  # fmt: skip
         return result
 
