@@ -56,7 +56,7 @@ def recorded_run(path: Path) -> RecordedRun | None:
     from hunt_ros.bag.messages import read_texts
 
     with Bag(path) as bag:
-        texts = [entry.text for entry in read_texts(bag, _JOURNAL)]
+        texts = read_texts(bag, _JOURNAL)
     journal = [JournalEntry.from_text(t) for text in texts for t in text.splitlines()]
     starts = [k for k, entry in enumerate(journal) if entry.kind == 'start' and entry.config]
     if not starts:

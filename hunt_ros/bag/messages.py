@@ -31,13 +31,6 @@ class RawMessage(NamedTuple):
     data: bytes
 
 
-class Text(NamedTuple):
-    """A std_msgs/String and when it was recorded, ns."""
-
-    log_ns: int
-    text: str
-
-
 def read_raw(bag: str | Path | Bag, topics: Collection[str]) -> Iterator[RawMessage]:
     """
     Yield messages as they were on the wire, in the order in which they were written.
@@ -63,13 +56,13 @@ def read_raw(bag: str | Path | Bag, topics: Collection[str]) -> Iterator[RawMess
                 yield RawMessage(topic.name, topic.type, log_ns, data)
 
 
-def read_texts(bag: str | Path | Bag, topic: str) -> list[Text]:
+def read_texts(bag: str | Path | Bag, topic: str) -> list[str]:
     """
     Read a std_msgs/String topic: `hunting/normal_form`, `recording/mark`, a journal.
 
     Returns
     -------
-    list of Text
+    list of str
         Empty where the recording has no such topic.
 
     Raises
@@ -77,7 +70,7 @@ def read_texts(bag: str | Path | Bag, topic: str) -> list[Text]:
     BagError
         If the topic is of another type or damaged.
     """
-    return [Text(log_ns, message.data) for log_ns, message in _read(bag, topic, STRING)]
+    return [message.data for message in _read(bag, topic, STRING)]
 
 
 def read_statuses(bag: str | Path | Bag, topic: str) -> list[dict[str, str]]:
@@ -96,7 +89,7 @@ def read_statuses(bag: str | Path | Bag, topic: str) -> list[dict[str, str]]:
         If the topic is of another type or damaged.
     """
     found = []
-    for _, message in _read(bag, topic, DIAGNOSTIC_ARRAY):
+    for message in _read(bag, topic, DIAGNOSTIC_ARRAY):
         stamp = message.header.stamp
         for status in message.status[:1]:
             texts = {pair.key: pair.value for pair in status.values}
@@ -105,8 +98,8 @@ def read_statuses(bag: str | Path | Bag, topic: str) -> list[dict[str, str]]:
     return found
 
 
-def _read(bag: str | Path | Bag, topic: str, kind: str) -> Iterator[tuple[int, Any]]:
-    """Yield log time and message of a topic of one type; nothing where there is no such topic."""
+def _read(bag: str | Path | Bag, topic: str, kind: str) -> Iterator[Any]:
+    """Yield the messages of a topic of one type; nothing where there is no such topic."""
     with opened(bag) as recording:
         wanted = topic.lstrip('/')
         if not any(name == topic or name.endswith('/' + wanted) for name in recording.topics):
@@ -121,4 +114,4 @@ def _read(bag: str | Path | Bag, topic: str, kind: str) -> Iterator[tuple[int, A
                 raise BagError(
                     f'topic {raw.topic} at {raw.log_ns} ns: not a {kind} ({reason:.80})'
                 ) from error
-            yield raw.log_ns, message
+            yield message

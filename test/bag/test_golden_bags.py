@@ -13,7 +13,7 @@ import pytest
 
 from hunt_ros.bag import Bag, read_record
 from hunt_ros.bag.inspection import inspect
-from hunt_ros.bag.messages import read_texts
+from hunt_ros.bag.messages import read_raw
 from hunt_ros.bag.repair import repair
 from hunt_ros.cli.main import main as hunt
 from hunt_ros.errors import BagError
@@ -96,7 +96,7 @@ def test_the_command_makes_the_recording_again(
     maker.write_bag(name)
     with Bag(BAGS / name) as golden, Bag(tmp_path / name) as made:
         assert golden.topics == made.topics
-    texts = [[text.log_ns for text in read_texts(b / name, _FORM)] for b in (BAGS, tmp_path)]
+    texts = [[raw.log_ns for raw in read_raw(b / name, [_FORM])] for b in (BAGS, tmp_path)]
     assert texts[0] == texts[1]
     record, again = read_record(BAGS / name), read_record(tmp_path / name)
     assert set(record) == set(again)

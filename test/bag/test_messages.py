@@ -16,9 +16,8 @@ from hunt_ros.recorded_run import recorded_events
 
 
 def test_texts_are_found_by_their_last_name_and_absent_topics_are_empty(bag: Path) -> None:
-    (text,) = read_texts(bag, 'hunting/normal_form')
-    assert text.text == 'v_c: 8'
-    assert read_texts(bag, '/rig/hunting/normal_form') == [text]
+    assert read_texts(bag, 'hunting/normal_form') == ['v_c: 8']
+    assert read_texts(bag, '/rig/hunting/normal_form') == ['v_c: 8']
     assert read_texts(bag, 'hunting/journal') == []
 
 

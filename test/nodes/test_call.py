@@ -40,7 +40,7 @@ def test_a_call_is_done_refused_or_finds_nobody(graph, capsys) -> None:
     assert 'no recording is running' in capsys.readouterr().out
     (bag,) = graph.folder.glob('hunt_*')
     with Bag(bag) as opened:
-        texts = [entry.text for entry in read_texts(opened, 'recording/mark')]
+        texts = read_texts(opened, 'recording/mark')
     assert texts == ['bump 🔔 at joint 3']
 
     looking_s = 5.0 * graph.machine.measure()
