@@ -240,25 +240,6 @@ class Rig(Settings):
         told = {item.name for item in fields(settings)}
         return cls(**{name: getattr(settings, name) for name in _FIELDS if name in told})
 
-    @classmethod
-    def from_texts(cls, texts: Iterable[tuple[str, str]], node: str = '') -> Rig:
-        """
-        Read the rig from ROS parameter files; a later one wins.
-
-        Parameters
-        ----------
-        texts : iterable of (str, str)
-            Where each file comes from, for messages, and what stands in it.
-        node : str
-            Whose own section is read as well.
-
-        Raises
-        ------
-        ConfigError
-            Naming the file, the section and the key, and what was expected.
-        """
-        return told_by(cls(), node, texts)
-
     def refuse_other(self, recorded: str, where: str) -> None:
         """
         Refuse a recording of another rig.
@@ -306,8 +287,10 @@ def told_by(settings: _Kind, node: str, texts: Iterable[tuple[str, str]]) -> _Ki
     ----------
     settings : Settings
         What holds where no file says anything.
-    node, texts
-        As `Rig.from_texts` has them.
+    node : str
+        Whose own section is read, beside that for all nodes; '' for this one alone.
+    texts : iterable of (str, str)
+        Where each file comes from, for messages, and what stands in it.
 
     Raises
     ------

@@ -17,7 +17,7 @@ from launch_ros.actions import Node
 
 from hunt_ros.drivers.alarm_output import AlarmSettings
 from hunt_ros.drivers.safety_state import state_file
-from hunt_ros.rig import Rig, parameters_of
+from hunt_ros.rig import Rig, parameters_of, told_by
 from hunt_ros.suite import (
     ALARM_OUTPUTS,
     DRIVE,
@@ -83,7 +83,7 @@ def _nodes(given: Mapping[str, str]) -> list[Node]:
     """Return the nodes for these values of the arguments."""
     file = _rig_file(given['rig'])
     text = Path(file).read_text(encoding='utf-8')
-    rig = Rig.from_texts([(file, text)])
+    rig = told_by(Rig(), '', [(file, text)])
     parameters: list[object] = [file]
     if given['normal_form']:
         parameters.append(_file(given['normal_form'], 'normal_form'))

@@ -18,7 +18,7 @@ from hunt_ros.bag import read_record, write_record
 from hunt_ros.cli.main import main
 from hunt_ros.detection import DetectorConfig
 from hunt_ros.errors import ConfigError
-from hunt_ros.rig import PARAMETERS, Rig
+from hunt_ros.rig import PARAMETERS, Rig, told_by
 from hunt_ros.settings import Settings
 from hunt_ros.suite import NODES, PAGE, SENSORS
 
@@ -42,7 +42,7 @@ def bag(tmp_path_factory) -> Path:
 
 def test_the_file_of_the_package_describes_a_rig_of_every_parameter() -> None:
     text = SHIPPED.read_text()
-    rig = Rig.from_texts([(str(SHIPPED), text)])
+    rig = told_by(Rig(), '', [(str(SHIPPED), text)])
     assert rig.roller_diameter_m == 0.3
     assert rig.safe_speed_mps < rig.speed_ceiling_mps
     assert text.count('roller_diameter_m') == 1
@@ -52,7 +52,7 @@ def test_what_the_file_of_the_package_only_mentions_can_be_taken_as_it_stands() 
     text = re.sub(
         r'^(  +)# (\w+: )', r'\1\2', SHIPPED.read_text(encoding='utf-8'), flags=re.MULTILINE
     )
-    rig = Rig.from_texts([(str(SHIPPED), text)])
+    rig = told_by(Rig(), '', [(str(SHIPPED), text)])
     assert rig.sources == ('lateral=/daq/ch0.data[3]*0.001',)
     assert rig.speed_unit == 'km/h'
 

@@ -375,9 +375,9 @@ def rig_of(arguments: argparse.Namespace, node: str = '') -> Rig:
     ConfigError
         Naming the file, the section and the key.
     """
-    from hunt_ros.rig import Rig
+    from hunt_ros.rig import Rig, told_by
 
-    return Rig.from_texts(rig_texts(arguments), node)
+    return told_by(Rig(), node, rig_texts(arguments))
 
 
 def alarm_outputs_of(arguments: argparse.Namespace) -> dict[str, AlarmOutput]:
