@@ -187,15 +187,11 @@ def compile_all() -> int:
             return 0
         # The largest first: with two at work, it decides how long it takes.
         missing.sort(key=lambda name: -len(_source(KERNELS[name].py_func)))
-        count = min(os.cpu_count() or 1, len(missing))
         if missing:
             _say(f'compiling {len(missing)} kernels, once: about {_USUAL_S} s')
-        if count > 1:
+            count = min(os.cpu_count() or 1, len(missing))
             with ProcessPoolExecutor(count, get_context('spawn')) as pool:
                 list(pool.map(_compile_one, missing))
-        else:
-            for name in missing:
-                _compile_one(name)
         _write(f'all.{_TAG}.{_sources()}.complete', '\n'.join(files.values()).encode())
         for path in (_PACKAGE / 'machine_code').glob(f'{_NAME}.*.{_TAG}.*.code'):
             # Of a kernel that is gone: a wheel would carry it on.
