@@ -82,7 +82,9 @@ class _Reader:
     def __init__(self, bag: Bag, sources: Mapping[str, ChannelSource], stamps: Stamps) -> None:
         self.bag = bag
         self.sources = {name: one for name, one in sources.items() if one.constant is None}
-        self.topics = {name: find_topic(bag, source) for name, source in self.sources.items()}
+        self.topics = {
+            name: find_topic(bag, one.topic, name) for name, one in self.sources.items()
+        }
         self.stamps = stamps
 
     def columns(self) -> dict[str, Series]:
@@ -327,7 +329,7 @@ def _named_channels(bag: Bag, wanted: Collection[str]) -> dict[str, ChannelSourc
     """Return the topics whose last part is the name of a channel that is wanted."""
     last = {name.rpartition('/')[2] for name in bag.topics}
     return {
-        channel: ChannelSource(channel, find_topic(bag, ChannelSource(channel, channel)))
+        channel: ChannelSource(channel, find_topic(bag, channel, channel))
         for channel in CHANNELS
         if channel in wanted and channel in last
     }
@@ -343,28 +345,28 @@ def _notes(bag: Bag, back_ns: int) -> dict[str, str]:
     return notes
 
 
-def find_topic(bag: Bag, source: ChannelSource) -> str:
+def find_topic(bag: Bag, topic: str, channel: str) -> str:
     """
-    Find the topic that a source means: by its full name, or by its last one.
+    Find a topic by its full name, or by its last one.
 
     Raises
     ------
     BagError
-        If there is none, or several.
+        If there is none, or several, with the channel that it is meant for.
     """
-    if source.topic in bag.topics:
-        return source.topic
-    ending = '/' + source.topic.strip('/')
-    local = not source.topic.startswith('/')
+    if topic in bag.topics:
+        return topic
+    ending = '/' + topic.strip('/')
+    local = not topic.startswith('/')
     found = sorted(name for name in bag.topics if local and name.endswith(ending))
     if len(found) == 1:
         return found[0]
     why = (
-        f'several topics end in {source.topic!r} ({", ".join(found)}), name the one'
+        f'several topics end in {topic!r} ({", ".join(found)}), name the one'
         if found
-        else f'no topic {source.topic!r}, it has {listed(bag)}'
+        else f'no topic {topic!r}, it has {listed(bag)}'
     )
-    raise BagError(f'{bag.path}: channel {source.channel}: {why}')
+    raise BagError(f'{bag.path}: channel {channel}: {why}')
 
 
 def listed(bag: Bag) -> str:

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.bag.blocks import by_topic
-from hunt_ros.bag.channels import ChannelSource
 from hunt_ros.bag.columns import find_topic, read_record
 from hunt_ros.bag.plausible import wrong_unit
 from hunt_ros.bag.reader import Bag
@@ -118,7 +117,7 @@ def inspect(
         )
         record, found = _measured(bag)
         # The channels of a rig are judged by the stamps that every command reads them by.
-        read = {find_topic(bag, ChannelSource(name, name)): name for name in record}
+        read = {find_topic(bag, name, name): name for name in record}
         for name, summary in sorted(bag.topics.items()):
             stamps = times.get(name, np.zeros(0, np.int64))
             topic = TopicReport(name, summary.type, int(stamps.size), None, None, None)

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 from hunt_ros.bag.blocks import in_order
 from hunt_ros.bag.cdr.message_types import standard_types
-from hunt_ros.bag.channels import ChannelSource
 from hunt_ros.bag.columns import find_topic
 from hunt_ros.bag.reader import Bag, opened
 from hunt_ros.errors import BagError
@@ -48,7 +47,7 @@ def read_raw(bag: str | Path | Bag, topics: Collection[str]) -> Iterator[RawMess
         If a topic is not there, or the recording is damaged where it is read.
     """
     with opened(bag) as recording:
-        names = {find_topic(recording, ChannelSource(name, name)) for name in topics}
+        names = {find_topic(recording, name, name) for name in topics}
         for described, block in recording.blocks(names):
             for start, length, log_ns, key in in_order(block.places):
                 topic = described[key]

@@ -41,9 +41,8 @@ _Loader: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
 class TopicSummary(NamedTuple):
-    """A topic over all files: its name, its type and its number of messages."""
+    """A topic over all files: its type and its number of messages."""
 
-    name: str
     type: str
     messages: int
 
@@ -98,7 +97,7 @@ class Bag:
             for topic in file.topics:
                 before = self.topics.get(topic.name)
                 count = file.counts.get(topic.id, 0) + (before.messages if before else 0)
-                self.topics[topic.name] = TopicSummary(topic.name, topic.type, count)
+                self.topics[topic.name] = TopicSummary(topic.type, count)
 
     def _open(self) -> None:
         unread = f'{self.path}: no recording in it, expected .mcap or .db3 files'

@@ -340,7 +340,7 @@ def test_of_two_rigs_in_one_bag_the_topics_are_named(tmp_path: Path) -> None:
         read_record(tmp_path / 'two')
     assert_same(second, read_record(tmp_path / 'two', {name: f'/b/{name}' for name in second}))
     with Bag(tmp_path / 'two') as bag:
-        assert find_topic(bag, ChannelSource('x', 'a/lateral')) == '/a/lateral'
+        assert find_topic(bag, 'a/lateral', 'x') == '/a/lateral'
 
 
 def test_memory_is_the_columns_and_some_blocks(tmp_path: Path) -> None:
