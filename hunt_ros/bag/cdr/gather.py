@@ -183,7 +183,7 @@ def _joints(message: bytes, wanted: Wanted) -> tuple[list[str], int, list[tuple[
         field = first + ('position', 'velocity', 'effort').index(str(wanted.field[0]))
         return names, lengths[field][1], lengths[: field + 1]
     except Exception as error:  # whatever the walk meets in damaged bytes
-        raise ValueError('the message is shorter than its type') from error
+        raise ValueError('the message is not as its type says') from error
 
 
 def _checks(expected: dict[int, bytes]) -> list[tuple[int, str, int]]:

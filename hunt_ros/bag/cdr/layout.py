@@ -141,12 +141,9 @@ def locate(
     walker = _Walker(definitions, message)
     try:
         return walker.find((Nodetype.NAME, message_type), path)
-    except struct.error as error:
-        raise ValueError('the message is shorter than its type') from error
-    except RecursionError as error:
-        raise ValueError('its type is nested too deeply') from error
-    except KeyError as error:
-        raise ValueError(f'its type has a part {error}, which is described nowhere') from error
+    except (struct.error, RecursionError, KeyError) as error:
+        reason = f'{type(error).__name__}: {error}'
+        raise ValueError(f'the message is not as its type says ({reason})') from error
 
 
 def extent(

@@ -107,8 +107,6 @@ def aligned(
         Masked where a series has no sample.
     """
     keys = {name: _repeats(part.stamps_ns) for name, part in series.items()}
-    if not keys:
-        return np.zeros(0, np.int64), {}
     union = np.unique(np.concatenate(list(keys.values())))
     columns = {}
     for name, part in series.items():

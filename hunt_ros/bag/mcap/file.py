@@ -247,8 +247,6 @@ def _checked_places(
     channel: int,
 ) -> Places | None:
     """Check that there is a message of the channel at every offset, and where it ends."""
-    if offsets.size == 0:
-        return Places(*(np.zeros(0, np.int64) for _ in range(3)))
     last = data.size - rec.MESSAGE_PREFIX
     if last < 0 or int(offsets.max()) > last:
         return None

@@ -35,7 +35,6 @@ IMPOSSIBLE_NS = 1 << 63
 MESSAGE, CHUNK = int(Opcode.MESSAGE), int(Opcode.CHUNK)
 
 _Kind = TypeVar('_Kind', bound=peer.McapRecord)
-_LONGEST_COMPRESSION = 16
 
 
 class _Bounded(ReadDataStream):
@@ -90,9 +89,7 @@ def unpack_chunk(data: bytes | memoryview, offset: int, length: int) -> Chunk:
     """
     head = _Bounded(memoryview(data)[offset + RECORD.size : offset + RECORD.size + length])
     first, last, size, crc = head.read8(), head.read8(), head.read8(), head.read4()
-    if (named := head.read4()) > _LONGEST_COMPRESSION:
-        raise ValueError(f'the name of the compression is {named} bytes long')
-    compression = str(head.read(named), 'utf-8')
+    compression = str(head.read(head.read4()), 'utf-8')
     stored = head.read8()
     if stored != length - head.count:
         raise ValueError(f'a chunk of {length} bytes claims to hold {stored}')
