@@ -52,7 +52,7 @@ def setting(
     choices : tuple of str
         The values a text may take.
     fixed : bool
-        True where a running node cannot take a new value.
+        True where a node that follows its other settings while it runs cannot take a new value.
     """
     metadata = {
         'description': description,

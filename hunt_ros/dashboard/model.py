@@ -45,7 +45,7 @@ class PageSettings(Settings):
     roller_diameter_m: float = of_rig('roller_diameter_m')
     wheel_diameter_m: float = of_rig('wheel_diameter_m')
     spectrum_max_hz: float = setting(
-        25.0, 'Highest frequency that is shown.', unit='Hz', low=1.0, high=500.0, fixed=True
+        25.0, 'Highest frequency that is shown.', unit='Hz', low=1.0, high=500.0
     )
 
 

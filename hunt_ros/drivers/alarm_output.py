@@ -16,7 +16,6 @@ from collections.abc import Iterable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, fields
 from enum import Enum
-from functools import partial
 
 from hunt_ros.drivers.alarms import OUT_OF_SERVICE
 from hunt_ros.drivers.interlock import BLIND
@@ -25,8 +24,6 @@ from hunt_ros.errors import ConfigError, DriverError
 from hunt_ros.rig import refuse_slips, told_by
 from hunt_ros.settings import setting
 from hunt_ros.suite import ALARM_OUTPUTS, START_S
-
-_fixed = partial(setting, fixed=True)
 
 
 class Condition(Enum):
@@ -274,18 +271,18 @@ class Relay(AlarmOutput):
 class AlarmSettings(ModbusBus):
     """Who is called, and for what, and the bus of the relay; parameters of the node."""
 
-    sound: str = _fixed('', "A command that plays a sound: 'aplay alarm.wav'; empty: none.")
-    command: str = _fixed(
+    sound: str = setting('', "A command that plays a sound: 'aplay alarm.wav'; empty: none.")
+    command: str = setting(
         '', 'Run at each change; last arguments: well, alarm or doubt, and the cause; empty: none.'
     )
-    relay_coil: int = _fixed(-1, 'Modbus coil of a relay; -1: none.', low=-1, high=65535)
-    relay_inverted: bool = _fixed(
+    relay_coil: int = setting(-1, 'Modbus coil of a relay; -1: none.', low=-1, high=65535)
+    relay_inverted: bool = setting(
         False, 'The relay is on while all is well: a cut wire calls too.'
     )
-    silence_s: float = _fixed(
+    silence_s: float = setting(
         1.0, 'No status for so long is doubt.', unit='s', low=0.2, high=3600.0
     )
-    tested_file: str = _fixed('', 'File whose age is that of the last test-alarm; empty: none.')
+    tested_file: str = setting('', 'File whose age is that of the last test-alarm; empty: none.')
 
     @staticmethod
     def told(texts: Iterable[tuple[str, str]]) -> dict[str, AlarmOutput]:

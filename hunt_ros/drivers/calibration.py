@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +13,6 @@ from hunt_ros.errors import ConfigError
 from hunt_ros.samples import Uncertain
 from hunt_ros.settings import Settings, setting
 
-_fixed = partial(setting, fixed=True)
 _ANY = (-math.inf, math.inf)
 
 
@@ -29,11 +27,11 @@ class Calibration(Settings):
         Naming the value that makes no calibration.
     """
 
-    gain: float = _fixed(
+    gain: float = setting(
         1.0, 'SI of a unit of the reading; negative where the device counts the other way.'
     )
-    offset: float = _fixed(0.0, 'SI at the reading 0.')
-    range: tuple[float, ...] = _fixed(
+    offset: float = setting(0.0, 'SI at the reading 0.')
+    range: tuple[float, ...] = setting(
         (), 'Readings at these ends or outside are saturated; none: those of the device.'
     )
 

@@ -62,18 +62,17 @@ _CONTRARY, _WRITTEN = 2, 20
 #: The speed is the slope of the angle over so long, s.
 _SLOPE_S = 0.1
 
-_fixed = partial(setting, fixed=True)
-_address = partial(_fixed, low=0, high=65535)
-_kind = partial(_fixed, choices=('input', 'holding'))
-_format = partial(_fixed, choices=tuple(FORMATS))
+_address = partial(setting, low=0, high=65535)
+_kind = partial(setting, choices=('input', 'holding'))
+_format = partial(setting, choices=tuple(FORMATS))
 _word_order = partial(
-    _fixed,
+    setting,
     'big',
     'Which word of a number of 32 bits comes first: that of higher value or of lower.',
     choices=('big', 'little'),
 )
 _patience = partial(
-    _fixed,
+    setting,
     0.1,
     'An answer that takes longer is none; up to 0.1 s the question is repeated once.',
     unit='s',
@@ -85,13 +84,13 @@ _patience = partial(
 class ModbusBus(Settings):
     """Where a Modbus device is."""
 
-    bus: str = _fixed('tcp', 'tcp: host and port; rtu: serial_port.', choices=('tcp', 'rtu'))
-    host: str = _fixed('127.0.0.1', 'Address of the device or gateway (tcp).')
-    port: int = _fixed(502, 'TCP port (tcp).', low=1, high=65535)
-    serial_port: str = _fixed('/dev/ttyUSB0', 'Serial port (rtu).')
-    baud_rate: int = _fixed(19200, 'Bits a second (rtu).', unit='1/s', low=300, high=4_000_000)
-    parity: str = _fixed('E', 'Parity (rtu).', choices=('N', 'E', 'O'))
-    device_id: int = _fixed(1, 'Number of the device on the bus.', low=0, high=247)
+    bus: str = setting('tcp', 'tcp: host and port; rtu: serial_port.', choices=('tcp', 'rtu'))
+    host: str = setting('127.0.0.1', 'Address of the device or gateway (tcp).')
+    port: int = setting(502, 'TCP port (tcp).', low=1, high=65535)
+    serial_port: str = setting('/dev/ttyUSB0', 'Serial port (rtu).')
+    baud_rate: int = setting(19200, 'Bits a second (rtu).', unit='1/s', low=300, high=4_000_000)
+    parity: str = setting('E', 'Parity (rtu).', choices=('N', 'E', 'O'))
+    device_id: int = setting(1, 'Number of the device on the bus.', low=0, high=247)
     timeout_s: float = _patience(high=10.0)
 
     def __str__(self) -> str:
@@ -116,7 +115,7 @@ class ModbusDrive(ModbusBus):
     timeout_s: float = _patience(high=0.5)
     speed_register: int = _address(0, 'Holding register of the set point.')
     speed_format: str = _format('int16', 'Format of the set point.')
-    speed_scale_mps: float = _fixed(
+    speed_scale_mps: float = setting(
         0.01,
         'Running speed = number * this; negative where the drive counts the other way.',
         unit='m/s',
@@ -125,18 +124,18 @@ class ModbusDrive(ModbusBus):
     actual_register: int = _address(_NONE, 'Address of the actual speed; -1: none.', low=_NONE)
     actual_kind: str = _kind('input', 'Kind of that register.')
     actual_format: str = _format('int16', 'Format of the actual speed.')
-    actual_scale_mps: float = _fixed(0.01, 'As speed_scale_mps.', unit='m/s')
+    actual_scale_mps: float = setting(0.01, 'As speed_scale_mps.', unit='m/s')
     encoder_register: int = _address(
         _NONE, "Address of the roller's encoder counter; -1: none.", low=_NONE
     )
     encoder_kind: str = _kind('input', 'Kind of that register.')
-    encoder_format: str = _fixed(
+    encoder_format: str = setting(
         'uint32', 'Format of the counter, which wraps around.', choices=('uint16', 'uint32')
     )
-    encoder_counts_per_turn: float = _fixed(
+    encoder_counts_per_turn: float = setting(
         4096.0, 'Counts a turn of the roller; negative where it counts down running forward.'
     )
-    poll_hz: float = _fixed(100.0, 'Readings a second.', unit='Hz', low=1.0, high=1000.0)
+    poll_hz: float = setting(100.0, 'Readings a second.', unit='Hz', low=1.0, high=1000.0)
 
 
 class _BusyError(RefusedError):

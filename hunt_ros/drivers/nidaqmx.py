@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,18 +23,17 @@ from hunt_ros.settings import Settings, setting
 _FETCH_S = 0.01
 
 TERMINALS = {'default': 'DEFAULT', 'rse': 'RSE', 'nrse': 'NRSE', 'differential': 'DIFF'}
-_fixed = partial(setting, fixed=True)
 
 
 @dataclass(frozen=True)
 class NidaqmxInput(Settings):
     """One voltage input."""
 
-    physical_channel: str = _fixed('Dev1/ai0', 'Input, as NI MAX names it.')
-    least_v: float = _fixed(-10.0, 'Least voltage expected.', unit='V')
-    largest_v: float = _fixed(10.0, 'Largest voltage expected.', unit='V')
-    terminal: str = _fixed('default', 'Wiring.', choices=tuple(TERMINALS))
-    buffer_s: float = _fixed(10.0, 'Buffer of the device.', unit='s', low=0.1, high=600.0)
+    physical_channel: str = setting('Dev1/ai0', 'Input, as NI MAX names it.')
+    least_v: float = setting(-10.0, 'Least voltage expected.', unit='V')
+    largest_v: float = setting(10.0, 'Largest voltage expected.', unit='V')
+    terminal: str = setting('default', 'Wiring.', choices=tuple(TERMINALS))
+    buffer_s: float = setting(10.0, 'Buffer of the device.', unit='s', low=0.1, high=600.0)
 
     def __str__(self) -> str:
         return f'nidaqmx {self.physical_channel}'

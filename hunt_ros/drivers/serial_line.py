@@ -12,7 +12,6 @@ import errno
 import math
 import time
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,27 +26,26 @@ from hunt_ros.settings import Settings, setting
 _LONGEST_LINE = 1024
 #: So many lines one after the other that cannot be read: the format is another.
 _MOST_BAD = 100
-_fixed = partial(setting, fixed=True)
 
 
 @dataclass(frozen=True)
 class SerialLine(Settings):
     """A serial port and the form of its lines."""
 
-    serial_port: str = _fixed('/dev/ttyACM0', 'Serial port.')
-    baud_rate: int = _fixed(115200, 'Bits a second.', unit='1/s', low=300, high=12_000_000)
-    separator: str = _fixed('', 'Between the columns of a line; empty: blanks.')
-    columns: int = _fixed(
+    serial_port: str = setting('/dev/ttyACM0', 'Serial port.')
+    baud_rate: int = setting(115200, 'Bits a second.', unit='1/s', low=300, high=12_000_000)
+    separator: str = setting('', 'Between the columns of a line; empty: blanks.')
+    columns: int = setting(
         0, 'Columns of a line, so that a torn one is known; 0: any.', low=0, high=1000
     )
-    column: int = _fixed(0, 'Column of the reading, from 0.', low=0, high=999)
-    clock_column: int = _fixed(
+    column: int = setting(0, 'Column of the reading, from 0.', low=0, high=999)
+    clock_column: int = setting(
         -1, 'Column of a clock or counter of the device; -1: none.', low=-1, high=999
     )
-    clock_tick_s: float = _fixed(
+    clock_tick_s: float = setting(
         1e-6, 'Length of a tick of that clock.', unit='s', low=1e-9, high=1.0
     )
-    clock_bits: int = _fixed(32, 'Width of that clock, which wraps around.', low=8, high=62)
+    clock_bits: int = setting(32, 'Width of that clock, which wraps around.', low=8, high=62)
 
     def __str__(self) -> str:
         return f'serial line {self.serial_port} at {self.baud_rate} baud'

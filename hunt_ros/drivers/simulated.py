@@ -49,8 +49,8 @@ class Channel(IntEnum):
 class SimulatorAddress(Settings):
     """Where the rig simulator listens."""
 
-    host: str = setting('127.0.0.1', 'Address of the rig simulator.', fixed=True)
-    port: int = setting(47100, 'TCP port of the rig simulator.', low=1, high=65535, fixed=True)
+    host: str = setting('127.0.0.1', 'Address of the rig simulator.')
+    port: int = setting(47100, 'TCP port of the rig simulator.', low=1, high=65535)
 
 
 class _Simulated(Driver):

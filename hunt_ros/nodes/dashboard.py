@@ -39,15 +39,11 @@ class DashboardConfig(Settings):
     """Parameters of the node; those of the picture are `PageSettings`."""
 
     address: str = setting(
-        '127.0.0.1',
-        'Where the page is served; another than the loopback needs token_file.',
-        fixed=True,
+        '127.0.0.1', 'Where the page is served; another than the loopback needs token_file.'
     )
-    port: int = setting(
-        PAGE_PORT, 'TCP port of the page; 0: a free one.', low=0, high=65535, fixed=True
-    )
+    port: int = setting(PAGE_PORT, 'TCP port of the page; 0: a free one.', low=0, high=65535)
     token_file: str = setting(
-        '', 'File with the lines "view: TOKEN" and "command: TOKEN", mode 600.', fixed=True
+        '', 'File with the lines "view: TOKEN" and "command: TOKEN", mode 600.'
     )
     session_hours: float = setting(
         12.0,
@@ -55,14 +51,9 @@ class DashboardConfig(Settings):
         unit='h',
         low=0.1,
         high=720.0,
-        fixed=True,
     )
-    directory: str = setting(
-        './recordings', 'Folder of the recordings on the second page.', fixed=True
-    )
-    update_rate_hz: float = setting(
-        20.0, 'Updates of the page.', unit='Hz', low=2.0, high=50.0, fixed=True
-    )
+    directory: str = setting('./recordings', 'Folder of the recordings on the second page.')
+    update_rate_hz: float = setting(20.0, 'Updates of the page.', unit='Hz', low=2.0, high=50.0)
 
 
 class DashboardNode(SuiteNode):

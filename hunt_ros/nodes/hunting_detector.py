@@ -55,7 +55,7 @@ _TASK = 'criteria and forecast'
 class DetectorNodeConfig(Settings):
     """Parameters of the node itself; those of the detector are `DetectorConfig`."""
 
-    frame_id: str = setting('roller_rig', 'frame_id of the messages.', fixed=True)
+    frame_id: str = setting('roller_rig', 'frame_id of the messages.')
     rig_name: str = of_rig('rig_name')
 
 

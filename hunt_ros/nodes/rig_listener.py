@@ -31,9 +31,7 @@ class ListenerConfig(Settings):
     """Parameters of the listener."""
 
     channels: tuple[str, ...] = of_rig('channels')
-    seconds: float = setting(
-        10.0, 'How long it listens.', unit='s', low=0.1, high=3600.0, fixed=True
-    )
+    seconds: float = setting(10.0, 'How long it listens.', unit='s', low=0.1, high=3600.0)
 
 
 class RigListenerNode(SuiteNode):

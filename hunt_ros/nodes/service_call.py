@@ -24,9 +24,9 @@ _ANSWER_S = 90.0
 class CallConfig(Settings):
     """Parameters of a call."""
 
-    word: str = setting('', 'Word of `hunt call`.', choices=('', *SERVICES), fixed=True)
-    wait_s: float = setting(5.0, 'How long to look for it.', unit='s', low=0.0, fixed=True)
-    words: str = setting('', 'Published before the call.', fixed=True)
+    word: str = setting('', 'Word of `hunt call`.', choices=('', *SERVICES))
+    wait_s: float = setting(5.0, 'How long to look for it.', unit='s', low=0.0)
+    words: str = setting('', 'Published before the call.')
 
 
 class ServiceCallNode(SuiteNode):

@@ -37,9 +37,9 @@ _DEPTH = 5000
 class Topic(Settings):
     """A field of a topic."""
 
-    source: str = setting('', 'Topic and field, as /daq/ch0.data[3]*0.001.', fixed=True)
+    source: str = setting('', 'Topic and field, as /daq/ch0.data[3]*0.001.')
     discovery_s: float = setting(
-        1.0, 'How long its publisher is looked for.', unit='s', low=0.1, high=60.0, fixed=True
+        1.0, 'How long its publisher is looked for.', unit='s', low=0.1, high=60.0
     )
 
 

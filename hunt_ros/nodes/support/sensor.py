@@ -34,7 +34,6 @@ class SensorConfig(Settings):
     driver: str = setting(
         'simulated',
         'Where the samples come from, docs/drivers.md; its settings are parameters too.',
-        fixed=True,
     )
     sample_rate_hz: float = setting(
         500.0,
@@ -42,9 +41,8 @@ class SensorConfig(Settings):
         unit='Hz',
         low=10.0,  # the detector calls a channel silent after 0.3 s
         high=2000.0,
-        fixed=True,
     )
-    frame_id: str = setting('roller_rig', 'frame_id of the messages.', fixed=True)
+    frame_id: str = setting('roller_rig', 'frame_id of the messages.')
 
 
 class SensorNode(DriverNode[SensorDriver]):
