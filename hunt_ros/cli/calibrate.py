@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from functools import partial
 from typing import Any
 
 import yaml
@@ -24,17 +23,16 @@ EXAMPLE = 'hunt calibrate lateral.yaml --unit mm --points 1=-8.01,3=-4,5=0.02,7=
 _READING = options.number(-1e12, 1e12)
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: options.Parser) -> None:
     """Declare the options."""
-    add = partial(options.add, parser)
-    add('file', type=options.new_file(), help='ROS parameter file; none that is there')
-    add('--sensor', choices=MOTION, default='lateral', help='what it measures (lateral)')
-    add('--unit', help='of the known displacements (default: SI): mm, mrad, deg, g')
+    parser.add('file', type=options.new_file(), help='ROS parameter file; none that is there')
+    parser.add('--sensor', choices=MOTION, default='lateral', help='what it measures (lateral)')
+    parser.add('--unit', help='of the known displacements (default: SI): mm, mrad, deg, g')
     first = 'pairs; where the first reading is negative: --points=-5=-10,0=0'
-    add('--points', type=_points, required=True, metavar='READING=KNOWN,...', help=first)
+    parser.add('--points', type=_points, required=True, metavar='READING=KNOWN,...', help=first)
     beyond = 'readings at these ends or outside are saturated'
-    add('--range', type=_range, default=(), metavar='LOW,HIGH', help=beyond)
-    add('--json')
+    parser.add('--range', type=_range, default=(), metavar='LOW,HIGH', help=beyond)
+    parser.add('--json')
 
 
 def run(arguments: argparse.Namespace) -> int:

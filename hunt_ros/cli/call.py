@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from functools import partial
 
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import tell
@@ -15,7 +14,7 @@ from hunt_ros.suite import ALARM_OUTPUTS
 EXAMPLE = "hunt call mark 'bump at joint 3'"
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: options.Parser) -> None:
     """Declare the options."""
     width = max(map(len, SERVICES)) + 2
     lines = (
@@ -24,14 +23,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     listed = '\n'.join(lines)
     parser.description = f'{parser.description}\n\nservices:\n{listed}'
-    add = partial(options.add, parser)
-    add('service', choices=tuple(SERVICES), metavar='SERVICE', help='one of those listed above')
-    add('words', nargs='?', default='', help='words that go with it')
+    parser.add(
+        'service', choices=tuple(SERVICES), metavar='SERVICE', help='one of those listed above'
+    )
+    parser.add('words', nargs='?', default='', help='words that go with it')
     longest = options.number(0.0, 600.0, 's')
     what = 'how long to look for the service (%(default)g s)'
-    add('--wait', type=longest, default=5.0, metavar='S', help=what)
-    add('--namespace', default='rig')
-    add('--json')
+    parser.add('--wait', type=longest, default=5.0, metavar='S', help=what)
+    parser.add('--namespace', default='rig')
+    parser.add('--json')
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -7,7 +7,6 @@ import math
 import shutil
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -43,13 +42,12 @@ _YAW_RAD = 0.05
 _LEAST_H, _LEAST_BYTES, _WEEK_H = 8.0, 1e9, 168.0
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: options.Parser) -> None:
     """Declare the options."""
-    add = partial(options.add, parser)
-    add('bag', nargs='?', type=Path, help='recording (default: the live topics)')
-    add('--rig', '--channel', '--namespace', '--directory', '--json')
+    parser.add('bag', nargs='?', type=Path, help='recording (default: the live topics)')
+    parser.add('--rig', '--channel', '--namespace', '--directory', '--json')
     longest = options.number(0.0, 3600.0, 's', above=True)
-    add('--duration', type=longest, metavar='S', help='listen for S seconds (10)')
+    parser.add('--duration', type=longest, metavar='S', help='listen for S seconds (10)')
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from datetime import datetime
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,14 +29,13 @@ _KICKS = ((60.0, 0.10e-3), (120.0, 0.10e-3), (160.0, 0.08e-3))
 _CLOSING_S, _IDENTIFYING_S = 120.0, 900.0
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: options.Parser) -> None:
     """Declare the options."""
-    add = partial(options.add, parser)
     where = 'where the results go, in a folder of their own (%(default)s)'
-    add('--out', type=Path, default=options.RECORDINGS, metavar='DIR', help=where)
-    add('--page')
-    add('--pace', type=options.number(0.1, 10.0), default=5.0)
-    add('--seed', default=1)
+    parser.add('--out', type=Path, default=options.RECORDINGS, metavar='DIR', help=where)
+    parser.add('--page')
+    parser.add('--pace', type=options.number(0.1, 10.0), default=5.0)
+    parser.add('--seed', default=1)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from functools import partial
 from pathlib import Path
 
 from hunt_ros.bag import Bag
@@ -15,13 +14,14 @@ from hunt_ros.cli.support.output import tell
 EXAMPLE = "hunt export bags/kick_escapes run.csv --channel y='/rig/lateral.position[0]' --to 20"
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: options.Parser) -> None:
     """Declare the options."""
-    add = partial(options.add, parser)
-    add('bag', type=Path, help='the recording')
-    add('out', type=Path, help='.csv or .parquet; must not exist')
-    add('--channel', help='column and topic.field; repeatable (default: all channels of a rig)')
-    add('--rig', '--from', '--to', '--json')
+    parser.add('bag', type=Path, help='the recording')
+    parser.add('out', type=Path, help='.csv or .parquet; must not exist')
+    parser.add(
+        '--channel', help='column and topic.field; repeatable (default: all channels of a rig)'
+    )
+    parser.add('--rig', '--from', '--to', '--json')
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -19,12 +19,12 @@ EXAMPLE = 'hunt identify bags/hysteresis_loop --out normal_form.yaml --json -'
 _ASKED = ('v_c', 'v_n', 'hysteresis_width', 'coefficients', 'criticality')
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: options.Parser) -> None:
     """Add the arguments of the verb."""
     add_recordings(parser)
     what = 'write the ROS parameter file here, and beside it the whole identification, as .npz'
-    options.add(parser, '--out', type=options.new_file('.yaml', '.yml'), metavar='FILE', help=what)
-    options.add(parser, '--json')
+    parser.add('--out', type=options.new_file('.yaml', '.yml'), metavar='FILE', help=what)
+    parser.add('--json')
 
 
 def run(arguments: argparse.Namespace) -> int:

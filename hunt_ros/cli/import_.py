@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from functools import partial
 from pathlib import Path
 
 from hunt_ros.bag import check_units
@@ -26,19 +25,18 @@ _TOLD = {
 }
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: options.Parser) -> None:
     """Declare the options."""
-    add = partial(options.add, parser)
-    add('file', type=Path, help='the file to read')
-    add('out', type=options.new_folder, help='folder of the bag; must not exist')
+    parser.add('file', type=Path, help='the file to read')
+    parser.add('out', type=options.new_folder, help='folder of the bag; must not exist')
     which = f'{", ".join(MOTION)}, roller or speed'
-    add('--channel', help=f'{which}: a column, data[1]*0.47, or a constant; repeatable')
-    add('--rig', '--json')
-    add('--rate', help='samples a second of a file without times')
-    add('--time', metavar='COLUMN', help='of the times, in s: t or t_ms*0.001')
-    add('--namespace', default='rig')
+    parser.add('--channel', help=f'{which}: a column, data[1]*0.47, or a constant; repeatable')
+    parser.add('--rig', '--json')
+    parser.add('--rate', help='samples a second of a file without times')
+    parser.add('--time', metavar='COLUMN', help='of the times, in s: t or t_ms*0.001')
+    parser.add('--namespace', default='rig')
     kept = 'kept in the bag: rig=..., operator=..., notes=...; repeatable'
-    add('--note', type=_note, action='append', default=[], metavar='NAME=TEXT', help=kept)
+    parser.add('--note', type=_note, action='append', default=[], metavar='NAME=TEXT', help=kept)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +17,12 @@ from hunt_ros.samples import counted
 EXAMPLE = 'hunt info bags/damaged.mcap --repair saved'
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: options.Parser) -> None:
     """Declare the options."""
-    add = partial(options.add, parser)
-    add('bag', type=Path, help='folder, .mcap or .db3; also one not closed')
+    parser.add('bag', type=Path, help='folder, .mcap or .db3; also one not closed')
     what = 'write what can be saved to this new folder; then 0 says that no file was left out'
-    add('--repair', type=options.new_folder, metavar='OUT', help=what)
-    add('--json')
+    parser.add('--repair', type=options.new_folder, metavar='OUT', help=what)
+    parser.add('--json')
 
 
 def run(arguments: argparse.Namespace) -> int:

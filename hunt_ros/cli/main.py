@@ -14,9 +14,10 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from typing import Any, NoReturn
+from typing import Any
 
 from hunt_ros import __version__
+from hunt_ros.cli.support.options import Parser
 from hunt_ros.errors import HuntError, not_installed
 
 #: Verb -> what it is for, in the order of the help text. Its module is imported where it is used.
@@ -40,43 +41,22 @@ VERBS: dict[str, str] = {
 }
 
 
-class _OneLineParser(argparse.ArgumentParser):
-    """An argument parser whose complaint is one line, without the usage block."""
-
-    def __init__(self, **options: Any) -> None:
-        # An abbreviation would mean another option as soon as one with its letters is added.
-        super().__init__(allow_abbrev=False, **options)
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Refuse a word that nothing takes in the name of the verb, not of all verbs."""
-        found, rest = super().parse_known_args(args, namespace)
-        if rest:
-            self.error(f'unrecognized arguments: {" ".join(rest)}')
-        return found, rest
-
-    def error(self, message: str) -> NoReturn:
-        """Refuse the command line in one line."""
-        raise HuntError(f'{message} (see {self.prog} --help)')
-
-
 def module_of(verb: str) -> Any:
     """Import the module of a verb; the name of one is a word of Python."""
     name = verb.replace('-', '_') + '_' * (verb == 'import')
     return import_module(f'hunt_ros.cli.{name}')
 
 
-def parser_of(verb: str | None) -> argparse.ArgumentParser:
+def parser_of(verb: str | None) -> Parser:
     """Build the parser; only the verb that is asked for is imported in full."""
-    parser = _OneLineParser(
+    parser = Parser(
         prog='hunt',
         description='Live monitoring of hunting motion on a railway roller rig.',
         epilog='Each verb has its own help: hunt VERB --help',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('--version', action='version', version=f'hunt_ros {__version__}')
-    verbs = parser.add_subparsers(
-        dest='verb', metavar='VERB', required=True, parser_class=_OneLineParser
-    )
+    verbs = parser.add_subparsers(dest='verb', metavar='VERB', required=True)
     for name, summary in VERBS.items():
         subparser = verbs.add_parser(name, help=summary, description=summary)
         if name == verb:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,14 +26,13 @@ EXAMPLE = 'hunt normal-form config/wheelset.yaml --plot diagram.png'
 _SHOWN = (0.75, 1.15)
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: options.Parser) -> None:
     """Declare the options."""
-    add = partial(options.add, parser)
     what = 'YAML file of the rig; a key left out is that of Table 1, so {} is the linear rig'
-    add('wheelset', type=Path, help=what)
+    parser.add('wheelset', type=Path, help=what)
     picture = options.new_file('.png', '.svg')
-    add('--plot', type=picture, metavar='PNG', help='bifurcation diagram')
-    add('--json')
+    parser.add('--plot', type=picture, metavar='PNG', help='bifurcation diagram')
+    parser.add('--json')
 
 
 def run(arguments: argparse.Namespace) -> int:

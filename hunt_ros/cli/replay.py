@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,18 +28,19 @@ _KINDS: tuple[Any, ...] = (DetectorConfig, CompanionConfig)
 EXAMPLE = 'hunt replay bags/kick_escapes --normal-form bags/paper.yaml --json -'
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: options.Parser) -> None:
     """Declare the options."""
-    add = partial(options.add, parser)
-    add('bag', type=Path, help='folder, .mcap or .db3')
-    add('--normal-form', '--rig', '--channel', '--json')
+    parser.add('bag', type=Path, help='folder, .mcap or .db3')
+    parser.add('--normal-form', '--rig', '--channel', '--json')
     options.add_set(parser, 'criteria=[cfr_213_333]', {}, hunting_detector=_KINDS)
     what = 'a new run with default settings, also where the recording holds a live one'
-    add('--fresh', **options.FLAG, help=what)
-    add('--live', **options.FLAG, help='publish it to the running nodes')
-    add = partial(options.add, parser.add_argument_group('with --live only'))
-    add('--pace', type=options.number(0.1, 50.0), help='seconds of the rig in a second (1)')
-    add('--from', '--to', '--namespace', '--page')
+    parser.add('--fresh', **options.FLAG, help=what)
+    parser.add('--live', **options.FLAG, help='publish it to the running nodes')
+    live = parser.add_argument_group('with --live only')
+    options.add(
+        live, '--pace', type=options.number(0.1, 50.0), help='seconds of the rig in a second (1)'
+    )
+    options.add(live, '--from', '--to', '--namespace', '--page')
 
 
 def run(arguments: argparse.Namespace) -> int:

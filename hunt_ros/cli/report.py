@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from functools import partial
 from pathlib import Path
 
 from hunt_ros.bag.clips import clips_of
@@ -24,17 +23,16 @@ from hunt_ros.samples import counted
 EXAMPLE = 'hunt report bags/hysteresis_loop --out report.html --figures figures'
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: options.Parser) -> None:
     """Add the arguments of the verb."""
     add_recordings(parser)
-    add = partial(options.add, parser)
     page, out = options.new_file('.html'), 'report.html'  # a text: its folder is looked at too
-    add('--out', type=page, metavar='FILE', default=out, help=f'the page ({out})')
-    add('--figures', type=Path, metavar='DIR', help='write each figure as SVG and PNG here')
-    add('--title', metavar='TEXT', help='of the page')
+    parser.add('--out', type=page, metavar='FILE', default=out, help=f'the page ({out})')
+    parser.add('--figures', type=Path, metavar='DIR', help='write each figure as SVG and PNG here')
+    parser.add('--title', metavar='TEXT', help='of the page')
     what = 'identify each recording by itself too, and set them side by side'
-    add('--compare', **options.FLAG, help=what)
-    add('--json')
+    parser.add('--compare', **options.FLAG, help=what)
+    parser.add('--json')
 
 
 def run(arguments: argparse.Namespace) -> int:

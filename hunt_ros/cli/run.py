@@ -46,19 +46,18 @@ profile:
 """
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: options.Parser) -> None:
     """Declare the options."""
-    add = partial(options.add, parser)
     which = partial(options.add, parser.add_mutually_exclusive_group(), **options.FLAG)
     which('--simulated', help='simulate the rig')
     which('--listen', help='only the nodes that listen: the sensor nodes are yours, or a replay')
-    add('--sim-time', **options.FLAG, help='follow /clock: for hunt replay --live')
+    parser.add('--sim-time', **options.FLAG, help='follow /clock: for hunt replay --live')
     what = 'all nodes but the guards in one process: half the memory; they fail together'
-    add('--one-process', **options.FLAG, help=what)
-    add('--page', '--rig', '--normal-form', '--directory')
-    add('--namespace', default='rig')
+    parser.add('--one-process', **options.FLAG, help=what)
+    parser.add('--page', '--rig', '--normal-form', '--directory')
+    parser.add('--namespace', default='rig')
     longest = options.number(0.0, options.LONGEST_S, 's', above=True)
-    add('--duration', type=longest, metavar='S', help='end after S seconds, not at Ctrl-C')
+    parser.add('--duration', type=longest, metavar='S', help='end after S seconds, not at Ctrl-C')
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from functools import partial
 
 from hunt_ros.bag.record_writer import write_record
 from hunt_ros.cli.support import options
@@ -26,19 +25,20 @@ EXAMPLE = (
 )
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: options.Parser) -> None:
     """Declare the options."""
-    add = partial(options.add, parser)
-    add('out', type=options.new_folder, help='folder of the bag; must not exist')
+    parser.add('out', type=options.new_folder, help='folder of the bag; must not exist')
     what = 'speed profile: file or text, as of the speed node, docs/profiles.md (%(default)s)'
-    add('--profile', metavar='FILE', default=_SWEEP, help=what)
+    parser.add('--profile', metavar='FILE', default=_SWEEP, help=what)
     longest = options.number(0.0, options.LONGEST_S, 's', above=True)
-    add('--duration', type=longest, metavar='S', help='default: to the end of the profile')
+    parser.add('--duration', type=longest, metavar='S', help='default: to the end of the profile')
     pair = options.numbers(options.number(-1e6, 1e6), ':', form='T:SIZE')
     what = 'blow at T seconds that moves the wheelset sideways by SIZE m; repeatable'
-    add('--kick', type=pair, action='append', default=[], metavar='T:SIZE', help=what)
-    add('--wheelset', default='', metavar='FILE', help='the rig as YAML (default: built in)')
-    add('--rate', default=500.0, help='samples a second of the sensors (%(default)s)')
+    parser.add('--kick', type=pair, action='append', default=[], metavar='T:SIZE', help=what)
+    parser.add(
+        '--wheelset', default='', metavar='FILE', help='the rig as YAML (default: built in)'
+    )
+    parser.add('--rate', default=500.0, help='samples a second of the sensors (%(default)s)')
     size = options.number(0.0, 0.1)
     for name, default, metavar, what in (
         ('--roughness', 20e-6, 'M', 'roughness line (%(default)s m)'),
@@ -46,9 +46,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         ('--noise', 5e-6, 'M', 'lateral sensor (%(default)s m)'),
         ('--yaw-noise', 2e-5, 'RAD', 'yaw sensor (%(default)s rad)'),
     ):
-        add(name, type=size, default=default, metavar=metavar, help=what)
-    add('--seed', default=0)
-    add('--json')
+        parser.add(name, type=size, default=default, metavar=metavar, help=what)
+    parser.add('--seed', default=0)
+    parser.add('--json')
 
 
 def run(arguments: argparse.Namespace) -> int:

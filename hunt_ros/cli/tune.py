@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from functools import partial
 
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import progress, tell
@@ -18,16 +17,15 @@ from hunt_ros.report.tuning import Outcome, Truth, picture, tune, usual_grid
 EXAMPLE = 'hunt tune bags/kick_escapes bags/kick_decays --grid alarm_lateral_mm=0.1,0.3'
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: options.Parser) -> None:
     """Declare the options."""
     add_recordings(parser, hunting_detector=(DetectorConfig,))
-    add = partial(options.add, parser)
-    add('--normal-form')
+    parser.add('--normal-form')
     what = 'values of one setting, e.g. false_alarms_per_week=1,100; repeatable (the usual ones)'
-    add('--grid', action='append', default=[], metavar='NAME=X,...', help=what)
+    parser.add('--grid', action='append', default=[], metavar='NAME=X,...', help=what)
     what = 'draw false alarms against delay'
-    add('--out', type=options.new_file('.svg', '.png'), metavar='FILE', help=what)
-    add('--json')
+    parser.add('--out', type=options.new_file('.svg', '.png'), metavar='FILE', help=what)
+    parser.add('--json')
 
 
 def run(arguments: argparse.Namespace) -> int:

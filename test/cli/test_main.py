@@ -10,6 +10,7 @@ from made import PAPER
 
 from hunt_ros.bag import read_record
 from hunt_ros.cli.main import VERBS, main, module_of, parser_of
+from hunt_ros.cli.support.options import Parser
 from hunt_ros.cli.support.options import settings_of
 from hunt_ros.cli.support.output import tell, write_json
 from hunt_ros.detection import DetectorConfig
@@ -133,11 +134,9 @@ def test_a_setting_may_be_written_in_any_way(words: str, value: object) -> None:
 
 def test_an_option_has_one_meaning_in_every_verb(capsys) -> None:
     """The same name takes the same kind of value, and says the same of it."""
-    import argparse
-
     seen: dict[str, dict[object, list[str]]] = {}
     for verb in VERBS:
-        parser = argparse.ArgumentParser()
+        parser = Parser()
         parser.description = ''
         module_of(verb).configure(parser)
         for action in parser._actions:

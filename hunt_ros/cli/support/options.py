@@ -14,7 +14,7 @@ import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias, TypeVar
 
 from hunt_ros.errors import ConfigError, HuntError
 from hunt_ros.files import read_text
@@ -196,6 +196,29 @@ def add(parser: argparse._ActionsContainer, *names: str, **other: Any) -> None:
     """Add arguments: of the table, with what is other in this verb, or of this verb alone."""
     for name in names:
         parser.add_argument(name, **(OPTIONS.get(name, {}) | other))
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser that knows the options of several verbs, and complains in one line."""
+
+    def __init__(self, **options: Any) -> None:
+        # An abbreviation would mean another option as soon as one with its letters is added.
+        super().__init__(allow_abbrev=False, **options)
+
+    def add(self, *names: str, **other: Any) -> None:
+        """Add arguments, as the function `add` does."""
+        add(self, *names, **other)
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Refuse a word that nothing takes in the name of the verb, not of all verbs."""
+        found, rest = super().parse_known_args(args, namespace)
+        if rest:
+            self.error(f'unrecognized arguments: {" ".join(rest)}')
+        return found, rest
+
+    def error(self, message: str) -> NoReturn:
+        """Refuse the command line in one line."""
+        raise HuntError(f'{message} (see {self.prog} --help)')
 
 
 def place_of(folder: Path) -> Path:
