@@ -10,8 +10,7 @@ from made import PAPER
 
 from hunt_ros.bag import read_record
 from hunt_ros.cli.main import VERBS, main, module_of, parser_of
-from hunt_ros.cli.support.options import Parser
-from hunt_ros.cli.support.options import settings_of
+from hunt_ros.cli.support.options import Parser, settings_of
 from hunt_ros.cli.support.output import tell, write_json
 from hunt_ros.detection import DetectorConfig
 from hunt_ros.detection.output import EVENT_NUMBERS

@@ -88,7 +88,7 @@ def load_record(
         series, mapping = _channels(table, mapping, rate_hz, time)
     except BagError as error:
         raise BagError(f'{path}: {error}{table.doubt}') from error
-    told = {'source': Path(path).name, 'units_assumed': _assumed(table, mapping), **table.told}
+    told = {'source': Path(path).name, **table.told}
     notes = {name: text for name, text in told.items() if text}
     refuse_years(series, str(path))
     return Record(with_constants(series, mapping, str(path)), str(path), notes)
@@ -101,8 +101,7 @@ def _channels(
     given = {name: replace(one, source=table.column(one.source)) for name, one in given.items()}
     mapping = {**_named(table, given), **given}
     sources = {name: source for name, source in mapping.items() if source.constant is None}
-    for name, source in sources.items():
-        _check_unit(table, name, source)
+    table.told['units_assumed'] = _assumed(table, sources)
     columns = {name: select(table, source.source) for name, source in sources.items()}
     if all(column.size < 2 for column in columns.values()):
         raise BagError('no channel has more than one value, expected a series of the file')
@@ -256,20 +255,6 @@ def _key(name: str) -> str:
     return re.sub(r'\W+', '_', _plain(name)).strip('_').lower()
 
 
-def _check_unit(table: Table, channel: str, source: ChannelSource) -> None:
-    """Refuse a column that is taken as it is, and is not in SI by what the file says."""
-    # Who gives a factor knows the unit.
-    unit = _told_unit(table, UNITS[channel], source.source) if source.scale == 1.0 else ''
-    factor = UNITS[channel].get(unit)
-    if not unit or factor == 1.0:
-        return
-    known = '' if factor else f' ({", ".join(UNITS[channel])} are known)'
-    raise BagError(
-        f'column {source.source} is in {unit}{known}, expected a factor:'
-        f' {channel}={source.source}*{f"{factor:.7g}" if factor else "FACTOR"}'
-    )
-
-
 def _told_unit(table: Table, units: Mapping[str, float], source: str) -> str:
     """Return the unit that the file tells of a column, or its name ends in; '' for none."""
     ending, told = _key(source).rpartition('_')[2], _plain(table.units.get(source, ''))
@@ -279,14 +264,27 @@ def _told_unit(table: Table, units: Mapping[str, float], source: str) -> str:
     return told or ending
 
 
-def _assumed(table: Table, mapping: Mapping[str, ChannelSource]) -> str:
-    """Return the channels of which nobody has told the unit: `lateral in m, speed in m/s`."""
-    return ', '.join(
-        f'{name} in {si_of(name).replace("mps", "m/s")}'
-        for name, source in mapping.items()
-        if source.constant is None and source.scale == 1.0
-        if not _told_unit(table, UNITS[name], source.source)
-    )
+def _assumed(table: Table, sources: Mapping[str, ChannelSource]) -> str:
+    """
+    Return the channels of which nobody has told the unit: `lateral in m, speed in m/s`.
+
+    One that is taken as it is, and is not in SI by what the file says, is refused.
+    """
+    assumed = []
+    for channel, source in sources.items():
+        if source.scale != 1.0:  # who gives a factor knows the unit
+            continue
+        unit = _told_unit(table, UNITS[channel], source.source)
+        factor = UNITS[channel].get(unit)
+        if not unit:
+            assumed.append(f'{channel} in {si_of(channel).replace("mps", "m/s")}')
+        elif factor != 1.0:
+            known = '' if factor else f' ({", ".join(UNITS[channel])} are known)'
+            raise BagError(
+                f'column {source.source} is in {unit}{known}, expected a factor:'
+                f' {channel}={source.source}*{f"{factor:.7g}" if factor else "FACTOR"}'
+            )
+    return ', '.join(assumed)
 
 
 def _named(table: Table, given: Mapping[str, ChannelSource]) -> dict[str, ChannelSource]:
