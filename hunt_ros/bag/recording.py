@@ -14,7 +14,7 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -55,7 +55,7 @@ class RecordingLimits(Settings):
     )
 
 
-@dataclass(frozen=True)
+@dataclass
 class RecordingState:
     """
     What a recording has done so far.
@@ -68,18 +68,18 @@ class RecordingState:
     """
 
     path: Path
-    running: bool
-    messages: int
-    bytes: int
-    files: int
-    dropped: Mapping[str, int]
-    waiting_bytes: int
-    problem: str
+    running: bool = True
+    messages: int = 0
+    bytes: int = 0
+    files: int = 0
+    dropped: Counter[str] = field(default_factory=Counter)
+    waiting_bytes: int = 0
+    problem: str = ''
 
     @property
     def dropped_count(self) -> int:
         """Messages dropped on all topics."""
-        return sum(self.dropped.values())
+        return self.dropped.total()
 
 
 class Recording:
@@ -119,11 +119,7 @@ class Recording:
         self._begun_ns: int | None = None  # the first log time of the file at hand
         self._queue: list[_Message | _Order] = []
         self._taken: deque[_Message | _Order] = deque()  # out of it, by the thread
-        self._waiting = 0
-        self._dropped: Counter[str] = Counter()
-        self._messages = 0
-        self._bytes = 0
-        self._problem = ''
+        self._state = RecordingState(self.path)
         self._ending = False
         self._closed: Path | None = None
         self._wake = threading.Event()
@@ -156,18 +152,18 @@ class Recording:
             recording has ended.
         """
         with self._lock:
-            full = self._waiting + len(message) > self.limits.buffer_mib * _MEBIBYTE
-            if full or self._ending or self._problem:
-                self._dropped[self._names[topic - 1]] += 1
+            full = self._state.waiting_bytes + len(message) > self.limits.buffer_mib * _MEBIBYTE
+            if full or self._ending or self._state.problem:
+                self._state.dropped[self._names[topic - 1]] += 1
                 return False
             self._queue.append((topic, log_ns, message))
-            self._waiting += len(message)
+            self._state.waiting_bytes += len(message)
         return True
 
     def miss(self, topic: int, count: int) -> None:
         """Count messages of a topic that never came here: they are not in the recording."""
         with self._lock:
-            self._dropped[self._names[topic - 1]] += count
+            self._state.dropped[self._names[topic - 1]] += count
 
     def note(self, name: str, strings: Mapping[str, str]) -> None:
         """Write named strings beside the messages: parameters, the normal form in force."""
@@ -188,15 +184,12 @@ class Recording:
     def state(self) -> RecordingState:
         """What it has done so far."""
         with self._lock:
-            return RecordingState(
-                self._closed or self.path,
-                self._thread.is_alive() and not self._problem,
-                self._messages,
-                self._bytes,
-                self._bag.file_count,
-                dict(self._dropped),
-                self._waiting,
-                self._problem,
+            return replace(
+                self._state,
+                path=self._closed or self.path,
+                running=self._thread.is_alive() and not self._state.problem,
+                files=self._bag.file_count,
+                dropped=self._state.dropped.copy(),
             )
 
     def stop(self, timeout_s: float = 60.0) -> Path:
@@ -218,7 +211,7 @@ class Recording:
         self._wake.set()
         self._thread.join(timeout_s)
         if self._closed is None:
-            reason = self._problem or f'the disk has not answered for {timeout_s:.0f} s'
+            reason = self._state.problem or f'the disk has not answered for {timeout_s:.0f} s'
             raise BagError(f'{self.path}: not closed ({reason})')
         return self._closed
 
@@ -244,10 +237,10 @@ class Recording:
                     break
         except Exception as error:  # it ends the recording, closed, and is never without a word
             with self._lock:  # what waits and what comes now is lost, and counted
-                self._problem = one_line(error)
+                self._state.problem = one_line(error)
                 lost = (each for each in (*self._taken, *self._queue) if isinstance(each, tuple))
-                self._dropped.update(self._names[topic - 1] for topic, *_ in lost)
-                self._queue, self._waiting = [], 0
+                self._state.dropped.update(self._names[topic - 1] for topic, *_ in lost)
+                self._queue, self._state.waiting_bytes = [], 0
         self._finish()
 
     def _drain(self) -> None:
@@ -265,9 +258,9 @@ class Recording:
             size = len(message)
             with self._lock:
                 self._taken.popleft()
-                self._waiting -= size
-                self._messages += 1
-                self._bytes += size
+                self._state.waiting_bytes -= size
+                self._state.messages += 1
+                self._state.bytes += size
             if self._begun_ns is None:
                 self._begun_ns = log_ns
             most, most_ns = self.limits.split_mib * _MEBIBYTE, self.limits.split_s * NANOSECONDS
@@ -294,5 +287,5 @@ class Recording:
         try:
             self._closed = self._bag.close()
         except HuntError as error:
-            self._problem = self._problem or str(error)
+            self._state.problem = self._state.problem or str(error)
             self._bag.abandon()

@@ -7,6 +7,7 @@ import os
 import shutil
 import signal
 import time
+from collections import Counter
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -323,7 +324,7 @@ def test_a_folder_that_is_moved_away_is_said_and_another_recording_follows(
 
 
 def test_dropped_messages_are_a_warning(tmp_path: Path) -> None:
-    state = RecordingState(tmp_path, True, 5, 5, 1, {'/a': 1, '/b': 2}, 0, '')
+    state = RecordingState(tmp_path, dropped=Counter({'/a': 1, '/b': 2}))
     assert bag_recorder._judged(state) == ('WARN', '3 messages dropped, most of them on /b')
-    assert bag_recorder._judged(replace(state, dropped={}))[0] == 'OK'
+    assert bag_recorder._judged(replace(state, dropped=Counter()))[0] == 'OK'
     assert bag_recorder._judged(replace(state, running=False))[0] == 'ERROR'
