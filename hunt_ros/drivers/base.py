@@ -20,14 +20,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import EntryPoint, distributions
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.errors import ConfigError
+from hunt_ros.errors import ConfigError, DriverError
 from hunt_ros.settings import Settings as _Settings
 
+_Handle = TypeVar('_Handle')
 _no_stamps: Callable[[], NDArray[np.int64]] = partial(np.array, [], np.int64)
 _no_values: Callable[[], NDArray[np.float64]] = partial(np.array, [], np.float64)
 
@@ -101,6 +102,12 @@ class Driver(ABC):
     @abstractmethod
     def close(self) -> None:
         """Let go of the hardware. Closing twice, or what is not open, does nothing."""
+
+    def opened(self, handle: _Handle | None) -> _Handle:
+        """Return what is open; raises DriverError where nothing is, or not any more."""
+        if handle is None:
+            raise DriverError(f'{self}: not open')
+        return handle
 
     def __str__(self) -> str:
         """Return the driver and where its hardware is, for messages."""

@@ -93,9 +93,7 @@ class Sensor(SensorDriver):
 
     def read(self, timeout_s: float) -> SensorBlock:
         """Fetch what has come; raises DriverError where the device or its buffer failed."""
-        task = self._task
-        if task is None:
-            raise DriverError(f'{self}: not open')
+        task = self.opened(self._task)
         deadline_s = time.monotonic() + timeout_s
         try:
             while not (waiting := task.in_stream.avail_samp_per_chan):

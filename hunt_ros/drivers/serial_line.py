@@ -98,9 +98,7 @@ class Sensor(SensorDriver):
 
     def read(self, timeout_s: float) -> SensorBlock:
         """Wait for lines; raises DriverError where the port is gone or sends something else."""
-        port = self._port
-        if port is None:
-            raise DriverError(f'{self}: not open')
+        port = self.opened(self._port)
         try:
             port.timeout = timeout_s
             data = port.read(max(1, port.in_waiting))

@@ -74,7 +74,7 @@ class _Simulated(Driver):
 
     def _receive(self, timeout_s: float) -> tuple[NDArray[np.void], int]:
         """Return the records of one receive, and how many were lost."""
-        connection = self._opened()
+        connection = self.opened(self._socket)
         connection.settimeout(max(timeout_s, 1e-3))
         try:
             data = connection.recv(_RECEIVE_BYTES)
@@ -98,7 +98,7 @@ class _Simulated(Driver):
         return records, lost
 
     def _send(self, number: float) -> None:
-        connection = self._opened()
+        connection = self.opened(self._socket)
         try:
             connection.sendall(NUMBER.pack(number))
         except OSError as error:
@@ -111,12 +111,6 @@ class _Simulated(Driver):
             with contextlib.suppress(OSError):  # the other end may have gone first
                 connection.shutdown(socket.SHUT_RDWR)
             connection.close()
-
-    def _opened(self) -> socket.socket:
-        connection = self._socket  # another thread may close it meanwhile
-        if connection is None:
-            raise DriverError(f'{self}: not open')
-        return connection
 
     def __str__(self) -> str:
         where = f'{self.settings.host}:{self.settings.port}'
