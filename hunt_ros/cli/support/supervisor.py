@@ -122,11 +122,6 @@ class _Child:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self.process.wait(timeout_s)
 
-    @property
-    def age_s(self) -> float:
-        """Time since it was started last, s."""
-        return time.monotonic() - self.began_s
-
     def pass_on(self, number: int) -> None:
         """Send its whole group a signal, where it still runs."""
         if self.process is not None and self.runs:
@@ -276,7 +271,7 @@ class Supervisor:
                 child.pass_on(signal.SIGKILL)
                 lines.append(f'{name} stands still: it is ended')
             now_s, code = time.monotonic(), child.ended()
-            lasted = child.process is not None and child.age_s > START_S
+            lasted = child.process is not None and now_s - child.began_s > START_S
             if code is not None:
                 child.process = None
                 # Of one that was killed the last line says nothing of its end.
