@@ -22,6 +22,7 @@ from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import progress, tell
 from hunt_ros.cli.support.processes import NodeSpec, ask
 from hunt_ros.detection import CompanionConfig, DetectorConfig
+from hunt_ros.drivers.alarm_output import AlarmSettings
 from hunt_ros.errors import ConfigError
 from hunt_ros.estimation.textbook import compared_amplitudes, unmoved
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
@@ -208,7 +209,7 @@ def _disk(record: Record, directory: Path) -> Finding:
 
 def _alarm(arguments: argparse.Namespace) -> Finding:
     """Return who is called for an alarm; a program that is not there is no rig file."""
-    named = options.alarm_outputs_of(arguments)
+    named = AlarmSettings.told(options.rig_texts(arguments))
     if named:
         return Finding('alarm', '', OK, f'an alarm calls by {" and ".join(named)}', '')
     advice = 'name a sound, a command or a relay_coil in the section alarm_outputs of the rig file'

@@ -16,6 +16,7 @@ from hunt_ros.cli.support import options, suite
 from hunt_ros.cli.support.console import Console
 from hunt_ros.cli.support.supervisor import Supervisor
 from hunt_ros.cli.support.view import View
+from hunt_ros.drivers.alarm_output import AlarmSettings
 from hunt_ros.drivers.safety_state import state_file
 from hunt_ros.dynamics.identified import NEWEST_FILE, IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
@@ -78,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
         IdentifiedNormalForm.read(form).refuse_other(rig.rig_name, str(form))
     sources = () if arguments.listen else sources_of(rig.channels)
     options.refuse_drivers(arguments, sources)
-    alarms = options.alarm_outputs_of(arguments)
+    alarms = AlarmSettings.told(options.rig_texts(arguments))
     options.refuse_place(folder, 'the recordings')
     folder.mkdir(parents=True, exist_ok=True)
     wanted = {*LISTENERS, *sources}

@@ -23,7 +23,6 @@ from hunt_ros.suite import DRIVE
 
 if TYPE_CHECKING:
     from hunt_ros.bag import ChannelSource
-    from hunt_ros.drivers.alarm_output import AlarmOutput
     from hunt_ros.rig import Rig
 
 _Kind = TypeVar('_Kind', bound=Settings)
@@ -72,11 +71,6 @@ def number(
         return value
 
     return parse
-
-
-def whole(low: int = 0, high: int = 2**31 - 1) -> Callable[[str], int]:
-    """Return the type of an option that is a whole number from `low` to `high`."""
-    return number(low, high, kind=int)
 
 
 def numbers(
@@ -173,14 +167,16 @@ OPTIONS: dict[str, dict[str, Any]] = {
         'help': f'recordings (default: as in the rig file, else {RECORDINGS})',
     },
     '--page': {
-        'type': whole(1, 65535), 'nargs': '?', 'const': 0, 'metavar': 'PORT',
+        'type': number(1, 65535, kind=int), 'nargs': '?', 'const': 0, 'metavar': 'PORT',
         'help': 'serve the page of the operator (extra dashboard)',
     },
     '--pace': {'metavar': 'X', 'help': 'seconds of the rig in a second, from 0.1 (%(default)s)'},
     '--rate': {
         'type': number(0.0, 1e6, 'Hz', above=True), 'metavar': 'HZ', 'help': 'samples a second',
     },
-    '--seed': {'type': whole(), 'metavar': 'N', 'help': 'of everything random'},
+    '--seed': {
+        'type': number(0, 2**31 - 1, kind=int), 'metavar': 'N', 'help': 'of everything random',
+    },
     '--from': {
         'dest': 'start', 'type': number(0.0, 1e9, 's'), 'metavar': 'S',
         'help': 's since the start of the recording',
@@ -401,25 +397,6 @@ def rig_of(arguments: argparse.Namespace, node: str = '') -> Rig:
     from hunt_ros.rig import Rig, told_by
 
     return told_by(Rig(), node, rig_texts(arguments))
-
-
-def alarm_outputs_of(arguments: argparse.Namespace) -> dict[str, AlarmOutput]:
-    """
-    Return the alarm outputs that the files of `--rig` name: sound, command, relay.
-
-    Parameters
-    ----------
-    arguments : Namespace
-        With the option `--rig`.
-
-    Raises
-    ------
-    ConfigError
-        Naming the file and the key; also for a program that is not there.
-    """
-    from hunt_ros.drivers.alarm_output import AlarmSettings
-
-    return AlarmSettings.told(rig_texts(arguments))
 
 
 def refuse_drivers(arguments: argparse.Namespace, nodes: Collection[str]) -> None:
