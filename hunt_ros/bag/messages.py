@@ -14,7 +14,7 @@ from hunt_ros.bag.blocks import in_order
 from hunt_ros.bag.cdr.message_types import standard_types
 from hunt_ros.bag.columns import find_topic
 from hunt_ros.bag.reader import Bag, opened
-from hunt_ros.errors import BagError
+from hunt_ros.errors import BagError, one_line
 from hunt_ros.samples import NANOSECONDS
 
 STRING = 'std_msgs/msg/String'
@@ -109,8 +109,6 @@ def _read(bag: str | Path | Bag, topic: str, kind: str) -> Iterator[Any]:
             try:
                 message: Any = standard_types().deserialize_cdr(raw.data, kind)
             except Exception as error:  # whatever generated code meets in damaged bytes
-                reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-                raise BagError(
-                    f'topic {raw.topic} at {raw.log_ns} ns: not a {kind} ({reason:.80})'
-                ) from error
+                where = f'topic {raw.topic} at {raw.log_ns} ns'
+                raise BagError(f'{where}: not a {kind} ({one_line(error):.80})') from error
             yield message

@@ -18,7 +18,7 @@ from typing import Any
 
 from hunt_ros import __version__
 from hunt_ros.cli.support.options import Parser
-from hunt_ros.errors import HuntError, not_installed
+from hunt_ros.errors import HuntError, not_installed, one_line
 
 #: Verb -> what it is for, in the order of the help text. Its module is imported where it is used.
 VERBS: dict[str, str] = {
@@ -123,10 +123,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _ended(f'{name}: {said}', 2)
         if os.environ.get('HUNT_TRACE'):
             raise
-        kind = type(error).__name__
-        text = ' '.join(str(error).split())
         return _ended(
-            f'{name}: internal error ({kind}: {text:.200}), please report it;'
+            f'{name}: internal error ({one_line(error):.200}), please report it;'
             ' HUNT_TRACE=1 shows where',
             3,
         )

@@ -25,7 +25,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.errors import ConfigError, DriverError
+from hunt_ros.errors import ConfigError, DriverError, one_line
 from hunt_ros.settings import Settings as _Settings
 
 _Handle = TypeVar('_Handle')
@@ -237,7 +237,7 @@ def driver_class(name: str, role: str) -> type[Driver]:
     try:
         kind = getattr(point.load(), role, None)
     except Exception as error:  # whatever the module of a third party raises
-        reason = ' '.join(f'{type(error).__name__}: {error}'.split())
+        reason = one_line(error)
         raise ConfigError(f'driver {name!r}: cannot import {point.value} ({reason})') from error
     if not (isinstance(kind, type) and issubclass(kind, _BASES[role])):
         raise ConfigError(

@@ -16,7 +16,7 @@ import numpy as np
 
 from hunt_ros.drivers.base import SensorBlock, SensorDriver
 from hunt_ros.drivers.sample_clock import SampleClock
-from hunt_ros.errors import ConfigError, DriverError, RefusedError
+from hunt_ros.errors import ConfigError, DriverError, RefusedError, one_line
 from hunt_ros.settings import Settings, setting
 
 #: Samples are fetched so often, s.
@@ -87,7 +87,7 @@ class Sensor(SensorDriver):
             self.rate_hz = float(self._task.timing.samp_clk_rate)
             self._task.start()
         except Exception as error:  # the library has its own for every state of its driver
-            raise RefusedError(self._failure('cannot open it', error)) from error
+            raise RefusedError(f'{self}: cannot open it ({one_line(error)})') from error
         self._clock = SampleClock(1.0 / self.rate_hz)
         self._count = 0
 
@@ -105,7 +105,7 @@ class Sensor(SensorDriver):
                 task.read(number_of_samples_per_channel=waiting), np.float64, ndmin=1
             )
         except Exception as error:
-            raise DriverError(self._failure('lost', error)) from error
+            raise DriverError(f'{self}: lost ({one_line(error)})') from error
         ticks = self._count + np.arange(values.size)
         self._count += values.size
         return SensorBlock(self._clock.stamps(ticks, arrived_ns), values)
@@ -115,6 +115,3 @@ class Sensor(SensorDriver):
         task, self._task = self._task, None
         if task is not None:
             task.close()
-
-    def _failure(self, what: str, error: Exception) -> str:
-        return f'{self}: {what} ({" ".join(str(error).split())})'

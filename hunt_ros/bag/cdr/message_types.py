@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 from hunt_ros.bag.blocks import Topic
-from hunt_ros.errors import BagError
+from hunt_ros.errors import BagError, one_line
 
 #: Type name -> list of (field name, description), as rosbags describes fields.
 Definitions = dict[str, list[tuple[str, Any]]]
@@ -74,7 +74,7 @@ def definitions_of(topic: Topic, source: str = 'bag') -> Definitions:
         except Exception as error:  # the parser raises what its grammar meets
             if topic.type in standard_definitions():
                 return standard_definitions()
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            reason = one_line(error)
             raise BagError(f'{where}: its definition cannot be read ({reason:.80})') from error
         if topic.type in found:
             return {**standard_definitions(), **found}

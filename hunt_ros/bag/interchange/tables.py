@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.errors import BagError
+from hunt_ros.errors import BagError, one_line
 
 
 class Table(dict[str, Any]):
@@ -94,7 +94,7 @@ def load_table(path: str | Path) -> Table:
     except ImportError:  # who runs this says what to install
         raise
     except Exception as error:  # foreign readers raise what they meet in a damaged file
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = one_line(error)
         raise BagError(f'{path}: cannot be read as {file.suffix} ({reason:.120})') from error
     return table if isinstance(table, Table) else Table(table)
 
