@@ -216,16 +216,17 @@ class ModbusLink:
         logging.getLogger('pymodbus').addHandler(logging.NullHandler())
         bus = self._bus
         client: Any
+        again = int(bus.timeout_s <= _BUDGET_S)
         if bus.bus == 'tcp':
             patience_s = max(_CONNECT_S, bus.timeout_s)
-            client = ModbusTcpClient(bus.host, port=bus.port, timeout=patience_s, retries=0)
+            client = ModbusTcpClient(bus.host, port=bus.port, timeout=patience_s, retries=again)
         else:
             client = ModbusSerialClient(
                 bus.serial_port,
                 baudrate=bus.baud_rate,
                 parity=bus.parity,
                 timeout=bus.timeout_s,
-                retries=0,
+                retries=again,
             )
         with self._lock:
             if not client.connect():
@@ -267,21 +268,17 @@ class ModbusLink:
         self._transact('write_coil', f'coil {address}', address, on)
 
     def _transact(self, call: str, what: str, *arguments: Any, **options: Any) -> Any:
-        from pymodbus.exceptions import ModbusException, ModbusIOException
+        from pymodbus.exceptions import ModbusException
 
-        bus, began_s, missed = self._bus, time.monotonic(), False
+        bus, began_s = self._bus, time.monotonic()
         with self._lock:
             while True:
                 if self._client is None:
                     raise DriverError(f'{bus}: not open')
                 try:
-                    response = self._ask(missed, call, *arguments, **options)
+                    response = self._ask(call, *arguments, **options)
                 except (ModbusException, OSError) as error:
-                    lost = isinstance(error, ModbusIOException)
                     self._clear_s = time.monotonic() + bus.timeout_s
-                    if lost and not missed and bus.timeout_s <= _BUDGET_S:
-                        missed = True
-                        continue
                     text = ' '.join(str(error).split())
                     raise DriverError(f'{bus}: {what}: no answer ({text})') from error
                 if not response.isError():
@@ -293,7 +290,7 @@ class ModbusLink:
                     raise kind(f'{bus}: {what}: {reason}')
                 time.sleep(_AGAIN_S)
 
-    def _ask(self, again: bool, call: str, *arguments: Any, **options: Any) -> Any:
+    def _ask(self, call: str, *arguments: Any, **options: Any) -> Any:
         """
         Send one question, and return the answer to it and no other.
 
@@ -303,10 +300,7 @@ class ModbusLink:
         from pymodbus.exceptions import ModbusIOException
 
         if self._bus.bus == 'rtu':
-            if not again:
-                time.sleep(max(0.0, self._clear_s - time.monotonic()))
-            if self._client.socket is not None:
-                self._client.socket.reset_input_buffer()
+            time.sleep(max(0.0, self._clear_s - time.monotonic()))
         response = getattr(self._client, call)(
             *arguments, **options, device_id=self._bus.device_id
         )
