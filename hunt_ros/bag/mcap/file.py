@@ -156,28 +156,20 @@ class McapFile:
             places = None if index is None else _indexed_places(data, index, whole, topics)
             if places is None:
                 refuse_unproven(self.layout, chunk, data)
-                self._remark(chunk, index is None)
+                if index is not None:
+                    said = f'chunk at byte {chunk.offset} has a message index that does not fit'
+                    self.remarks.append(('bad_index', f'{said}: it was walked through'))
                 places = walked_places(data.data)
                 places = {key: places[key] for key in topics & places.keys()}
         except ValueError as error:
-            raise self._damage(chunk, str(error)) from error
+            where = f'{self.path}: chunk at byte {chunk.offset}'
+            raise BagError(f'{where}: {error}{REPAIR}') from error
         possible = {key: found.possible() for key, found in places.items()}
         lost = sum(places[key].log_ns.size - found.log_ns.size for key, found in possible.items())
         if lost:
             text = f'chunk at byte {chunk.offset}: {lost} {IMPOSSIBLE}'
             self.remarks.append(('damaged_message', text))
         return chunk, data, possible
-
-    def _remark(self, chunk: rec.Chunk, absent: bool) -> None:
-        # In a file that was cut, the index of the last chunk is not trusted, whole or not;
-        # a file without any was written so.
-        if not (absent and (self.problems or not self.layout.indexes)):
-            state = 'no message index' if absent else 'a message index that does not fit'
-            text = f'chunk at byte {chunk.offset} has {state}: it was walked through'
-            self.remarks.append(('bad_index', text))
-
-    def _damage(self, chunk: rec.Chunk, reason: str) -> BagError:
-        return BagError(f'{self.path}: chunk at byte {chunk.offset}: {reason}{REPAIR}')
 
 
 def _block(whole: NDArray[np.uint8], group: list[_Opened]) -> Block:
