@@ -23,7 +23,6 @@ from hunt_ros.cli.support.output import progress, tell
 from hunt_ros.cli.support.processes import NodeSpec, ask
 from hunt_ros.detection import CompanionConfig, DetectorConfig
 from hunt_ros.drivers.alarm_output import AlarmSettings
-from hunt_ros.errors import ConfigError
 from hunt_ros.estimation.textbook import compared_amplitudes, unmoved
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.identification.record.stops import without_stops
@@ -56,11 +55,8 @@ def run(arguments: argparse.Namespace) -> int:
     rig = options.rig_of(arguments)
     options.settings_of(arguments, 'hunting_detector', DetectorConfig, CompanionConfig)
     if arguments.bag is not None:
-        if arguments.duration is not None:
-            raise ConfigError('--duration: only for live topics, a recording is read as a whole')
-        for option in ('namespace', 'directory'):
-            if getattr(arguments, option) is not None:
-                raise ConfigError(f'--{option}: only for live topics, the recording is checked')
+        live = ('--duration', '--namespace', '--directory')
+        options.refuse_given(arguments, live, 'only for live topics, the recording is checked')
         rig, record, arrivals = _recorded(arguments, rig)
         findings = check_rig(record, arrivals, rig)
     else:

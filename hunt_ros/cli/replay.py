@@ -45,7 +45,11 @@ def configure(parser: options.Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay; offline unless --live."""
-    _check(arguments)
+    options.check_stretch(arguments)
+    if not arguments.live:
+        live_alone = ('--pace', '--from', '--to', '--namespace', '--page')
+        why = 'only with --live, the whole recording is replayed'
+        options.refuse_given(arguments, live_alone, why)
     others = (arguments.normal_form, arguments.rig, arguments.set, arguments.channel)
     another = arguments.fresh or arguments.live or any(others)  # than the live run of it
     live = None if another else recorded_run(arguments.bag)
@@ -80,16 +84,6 @@ def run(arguments: argparse.Namespace) -> int:
     unit = options.rig_of(arguments).speed_unit
     tell(arguments.json, lambda: document(*told), lambda: lines_of(*told, unit))
     return 1 if found.blind else 0
-
-
-def _check(arguments: argparse.Namespace) -> None:
-    """Refuse options that would have no effect."""
-    options.check_stretch(arguments)
-    if arguments.live:
-        return
-    for option in ('pace', 'from', 'to', 'namespace', 'page'):
-        if getattr(arguments, {'from': 'start', 'to': 'end'}.get(option, option)) is not None:
-            raise ConfigError(f'--{option}: only with --live, the whole recording is replayed')
 
 
 def read(arguments: argparse.Namespace, as_stamped: bool = False) -> Record:

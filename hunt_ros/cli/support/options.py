@@ -445,6 +445,13 @@ def recordings_of(arguments: argparse.Namespace) -> Path:
     return arguments.directory or folder
 
 
+def refuse_given(arguments: argparse.Namespace, names: Iterable[str], why: str) -> None:
+    """Refuse options that would have no effect."""
+    for name in names:
+        if getattr(arguments, OPTIONS.get(name, {}).get('dest', name.strip('-'))) is not None:
+            raise ConfigError(f'{name}: {why}')
+
+
 def check_stretch(arguments: argparse.Namespace) -> None:
     """
     Refuse a stretch that ends before it begins.
