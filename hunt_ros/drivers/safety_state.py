@@ -9,12 +9,12 @@ last one the time, ends them.
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from hunt_ros.drivers.alarms import Shelved
 from hunt_ros.errors import ConfigError
+from hunt_ros.settings import Settings
 
 #: Keys of a line of the history.
 _LINE = ('at', 'what', 'why', 'who')
@@ -23,7 +23,7 @@ MOST_LINES = 200
 
 
 @dataclass(frozen=True)
-class SafetyState:
+class SafetyState(Settings):
     """
     What is in force, and how it came.
 
@@ -81,14 +81,10 @@ def read(path: Path) -> SafetyState | None:
     """
     try:
         told = json.loads(path.read_text(encoding='utf-8'))
+        if lacking := {item.name for item in fields(SafetyState)} - told.keys():
+            raise ValueError(f'it lacks {", ".join(sorted(lacking))}')
         told['shelved'] = tuple(Shelved(**each) for each in told['shelved'])
         told['history'] = tuple({key: str(line[key]) for key in _LINE} for line in told['history'])
-        told['goal_mps'] = float(told['goal_mps'])
-        for item in fields(SafetyState):
-            value = told[item.name]
-            finite = not isinstance(value, float) or math.isfinite(value)
-            if type(value) is not type(item.default) or not finite:
-                raise ValueError(f'{item.name}: {value!r}')
         state = SafetyState(**told)
         state.to_json()  # what is read can be written again
     except FileNotFoundError:
