@@ -43,8 +43,9 @@ from hunt_ros.identification.settings import IdentificationSettings
 #: Widths of the prior on the terms beyond the paper's form, in units of those they belong to, one
 #: after the other: little by little the fit goes where it does not at once. The last is a choice:
 #: of rigs whose conicity or creep saturates the terms are about as large as those, or twice, and
-#: with each width more what a short record leaves open is wider.
-_WIDTHS = 0.45, 0.75
+#: with each width more what a short record leaves open is wider. It comes again until the units
+#: are those of the fit itself: where forces saturate they grow.
+_WIDTHS = 0.45, *4 * (0.75,)
 #: Rounds in which jumps of the path are looked for, and the share of it they are at most.
 _GATES = 6
 _MOST_JUMPS = 0.005
@@ -177,8 +178,15 @@ def _steps(fit: TrajectoryFit) -> NDArray[np.bool_]:
     used = out[:, 2] != 0.0
     # Where the law is not right yet all innovations are large, and none of them a step.
     usual = max(1.4826 * float(np.median(np.abs(out[used, 0]))), 1.0) if used.any() else 1.0
-    power = 0.5 * (out[:, 0] ** 2 + out[:, 1] ** 2) / usual**2
-    ratio = np.where(used, power + 0.5 * (out[:, 2] + out[:, 3]), -np.inf)
+    along, across = (0.5 * (out[:, :2] / usual) ** 2 + 0.5 * out[:, 2:]).T
+    # Frequency and growth change with the amplitude alike, and the law has no frequency: where the
+    # path turns by less than that, and by less than a radian, it is no step.
+    size = np.abs(fit.problem.path.phasor)
+    before = np.concatenate([[np.nan], size[:-1]])
+    most = np.minimum(np.abs(size - before), np.minimum(size, before))
+    turned = np.abs(out[:, 1]) * np.exp(0.5 * out[:, 3]) < most
+    across = np.where(turned, np.minimum(across, 0.0), across)
+    ratio = np.where(used, along + across, -np.inf)
     # One step a neighbourhood: those beside it may be its shadow.
     largest = maximum_filter1d(ratio, 7, mode='constant', cval=-np.inf)
     steps: NDArray[np.bool_] = (ratio > math.log(max(used.sum(), 2))) & (ratio >= largest)

@@ -232,3 +232,11 @@ def test_a_curved_ridge_is_followed_to_its_end():
     assert found.fit.converged
     assert found.v_c.low < 8.0 < found.v_c.high
     assert found.v_n.low < 6.433 < found.v_n.high
+
+
+def test_a_fold_below_all_that_a_passage_up_saw_lies_in_its_interval():
+    """The jump was cut out as a kick, since its frequency changes, and one of three held v_n."""
+    rig = RIGS['conicity that saturates']
+    passages = [RECORDINGS['up alone in 80 s'](rig, seed) for seed in range(6)]
+    found = [identify(passage, IdentificationSettings(**rig.told)).v_n for passage in passages]
+    assert sum(one is not None and one.low < rig.v_n < one.high for one in found) >= 5
