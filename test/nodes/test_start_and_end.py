@@ -78,11 +78,18 @@ def test_a_node_that_imports_says_so_and_ends_without_a_traceback(graph, number)
     assert all(re.fullmatch(ended, line) for line in rest), rest
 
 
-@pytest.mark.parametrize('reach', ['LOCALHOST', 'SUBNET'])
+@pytest.mark.parametrize(
+    ('name', 'asked'),
+    [
+        ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST'),
+        ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET'),
+        ('ROS_LOCALHOST_ONLY', '1'),
+    ],
+)
 def test_nodes_share_no_memory_which_whoever_comes_or_goes_would_hold_up(
-    graph, monkeypatch, reach
+    graph, monkeypatch, name, asked
 ) -> None:
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', reach)
+    monkeypatch.setenv(name, asked)
     process = graph.start('bag_recorder')
     graph.spin_until(
         lambda: ('bag_recorder', '/rig') in graph.node.get_node_names_and_namespaces()

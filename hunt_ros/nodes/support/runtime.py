@@ -139,8 +139,8 @@ def _choose_transport() -> None:
     if {*_CHOICES} & told.keys() or 'fastrtps' not in rmw_identifier():
         return
     told[_CHOICES[_KILTED]] = str(Path(__file__).with_name('fast_dds.xml'))
-    here = told.get('ROS_AUTOMATIC_DISCOVERY_RANGE') == 'LOCALHOST'
-    if here and 'ROS_STATIC_PEERS' not in told:
+    asked = told.get('ROS_AUTOMATIC_DISCOVERY_RANGE'), 'ROS_STATIC_PEERS' in told
+    if told.pop('ROS_LOCALHOST_ONLY', '0') == '1' or asked == ('LOCALHOST', False):
         told['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
         told[_CHOICES[_KILTED]] = str(Path(__file__).with_name('fast_dds_this_host.xml'))
 
