@@ -257,9 +257,11 @@ def test_a_stop_of_before_is_in_force_from_the_first_word_on(graph, tmp_path) ->
     assert 'emergency stop is in force' in health[0]['message']
 
 
-def test_a_state_that_can_be_neither_read_nor_written_is_said_once(graph, tmp_path) -> None:
+@pytest.mark.parametrize('name', ['', 'pipe', '/dev/null', '/dev/zero'])
+def test_a_state_that_can_be_neither_read_nor_written_is_said_once(graph, tmp_path, name) -> None:
     health = graph.told()
-    graph.start('roller_speed', port=graph.port, state_file=str(tmp_path))  # a folder
+    os.mkfifo(tmp_path / 'pipe')
+    graph.start('roller_speed', port=graph.port, state_file=str(tmp_path / name))
     graph.spin_until(lambda: health.says('safety state failed'))
     count = len(health)
     graph.spin_until(lambda: len(health) > count + 3)  # it has been tried again
