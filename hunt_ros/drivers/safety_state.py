@@ -14,6 +14,7 @@ from pathlib import Path
 
 from hunt_ros.drivers.alarms import Shelved
 from hunt_ros.errors import ConfigError
+from hunt_ros.files import write_whole
 from hunt_ros.settings import Settings
 
 #: Keys of a line of the history.
@@ -80,7 +81,7 @@ def read(path: Path) -> SafetyState | None:
         If it cannot be read, or is none.
     """
     try:
-        told = json.loads(path.read_text(encoding='utf-8'))
+        told = json.loads(_kept_in(path).read_text(encoding='utf-8'))
         if lacking := {item.name for item in fields(SafetyState)} - told.keys():
             raise ValueError(f'it lacks {", ".join(sorted(lacking))}')
         told['shelved'] = tuple(Shelved(**each) for each in told['shelved'])
@@ -92,3 +93,23 @@ def read(path: Path) -> SafetyState | None:
     except Exception as error:  # what a file of any content raises
         raise ConfigError(f'{path}: cannot read the safety state ({error})') from error
     return state
+
+
+def write(path: Path, text: str) -> None:
+    """
+    Write the text of a file, and the folders that it needs.
+
+    Raises
+    ------
+    HuntError, OSError
+        If it cannot be.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(_kept_in(path), text, 'safety state')
+
+
+def _kept_in(path: Path) -> Path:
+    """Refuse what keeps nothing: whoever reads or writes a pipe may wait for ever."""
+    if path.exists() and not path.is_file():
+        raise ConfigError(f'{path} is no file')
+    return path

@@ -251,7 +251,7 @@ class HuntingDetectorNode(SuiteNode):
         lately = self._new('missed', self._inbox.missed)
         problems = [self._inbox.problem()]
         if unreadable:
-            problems.append(f'{unreadable} messages without the expected joint')
+            problems.append(f'{unreadable} messages that cannot be read')
         if lately:
             problems.append(f'{lately} samples lost on their way here')
         if self._waiting is not None:

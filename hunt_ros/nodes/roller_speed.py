@@ -23,16 +23,16 @@ from geometry_msgs.msg import TwistStamped
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
+from hunt_ros.drivers import safety_state
 from hunt_ros.drivers.base import DriveBlock, DriveDriver
 from hunt_ros.drivers.command import DriveLimits
 from hunt_ros.drivers.interlock import Change, InterlockSettings
-from hunt_ros.drivers.safety_state import SafetyState, read
+from hunt_ros.drivers.safety_state import SafetyState
 from hunt_ros.drivers.speed_guard import SpeedGuard
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.dynamics.profile import Profile
 from hunt_ros.dynamics.profile.run import SET_POINT_S
 from hunt_ros.errors import ConfigError, DriverError, HuntError
-from hunt_ros.files import write_whole
 from hunt_ros.nodes.support.conversions import diagnostic, heard_of, joint_writer, twist
 from hunt_ros.nodes.support.diagnostics import Health, NewSince, log, steady_clock
 from hunt_ros.nodes.support.driver_node import DriverNode
@@ -190,8 +190,9 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
 
     def _kept(self) -> tuple[SafetyState, str]:
         """Return what was in force before, and '' or why that is not known."""
+        path = self._config.state_file
         try:
-            found = read(Path(self._config.state_file)) if self._config.state_file else None
+            found = safety_state.read(Path(path)) if path else None
         except ConfigError as error:
             return SafetyState(), str(error)
         lost = found is None and AGAIN in os.environ
@@ -206,8 +207,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             text = self._guard.unsaved(running=not ended) or text
             if text and self._config.state_file and not (text == written and path.exists()):
                 try:
-                    path.parent.mkdir(parents=True, exist_ok=True)
-                    write_whole(path, text, 'safety state')
+                    safety_state.write(path, text)
                     written = text
                     self._diagnostics.done('safety state')
                 except (HuntError, OSError) as error:

@@ -75,6 +75,37 @@ def test_a_second_run_of_a_rig_starts_nothing_that_the_first_one_could_see(
     assert not list((tmp_path / 'recordings').glob('*'))
 
 
+#: Who has this profile of Fast DDS asks for others where nobody is.
+_ALONE = """<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"><profiles>
+<participant profile_name="alone" is_default_profile="true"><rtps><builtin>
+<metatrafficUnicastLocatorList><locator/></metatrafficUnicastLocatorList><initialPeersList>
+<locator><udpv4><address>127.0.0.1</address><port>9</port></udpv4></locator>
+</initialPeersList></builtin></rtps></participant></profiles></dds>"""
+
+
+@pytest.mark.slow
+def test_a_run_that_hears_none_of_its_nodes_says_so(
+    tmp_path, machine, domain, monkeypatch
+) -> None:
+    profile, screen = tmp_path / 'alone.xml', tmp_path / 'screen'
+    profile.write_text(_ALONE)
+    monkeypatch.setenv('HUNT_START_S', '5')
+    monkeypatch.delenv('ROS_AUTOMATIC_DISCOVERY_RANGE')
+    for version in ('FASTRTPS', 'FASTDDS'):
+        monkeypatch.setenv(f'{version}_DEFAULT_PROFILES_FILE', str(profile))
+    with screen.open('w') as out:
+        words = [*HUNT, 'run', '--simulated', '--directory', str(tmp_path)]
+        run = subprocess.Popen(words, stdout=out, stderr=out)
+    said = 'no node of this run is heard for 5 s'
+    try:
+        machine.until(lambda: said in screen.read_text(), 60.0, screen.read_text)
+        run.send_signal(signal.SIGINT)
+        machine.wait_for(run, 60.0)
+    finally:
+        run.kill()
+    assert screen.read_text().count(said) == 1
+
+
 @pytest.mark.slow
 def test_a_run_that_listens_records_without_a_clock_and_ends_at_sigterm(graph, called) -> None:
     folder = graph.folder / 'recordings'

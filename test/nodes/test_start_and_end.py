@@ -86,15 +86,30 @@ def test_a_node_that_imports_says_so_and_ends_without_a_traceback(graph, number)
         ('ROS_LOCALHOST_ONLY', '1'),
     ],
 )
-def test_nodes_share_no_memory_which_whoever_comes_or_goes_would_hold_up(
+def test_nodes_share_no_memory_and_hear_no_other_host_where_they_are_to_hear_none(
     graph, monkeypatch, name, asked
 ) -> None:
+    """Who comes or goes would hold up all who share memory with it."""
     monkeypatch.setenv(name, asked)
     process = graph.start('bag_recorder')
     graph.spin_until(
         lambda: ('bag_recorder', '/rig') in graph.node.get_node_names_and_namespaces()
     )
-    assert '/dev/shm/fastrtps' not in Path(f'/proc/{process.pid}/maps').read_text()
+    assert '/dev/shm/fast' not in Path(f'/proc/{process.pid}/maps').read_text()
+    if asked != 'SUBNET':
+        assert addresses_of(process.pid) == {'127.0.0.1'}
+
+
+def addresses_of(pid: int) -> set[str]:
+    """Return the addresses at which a process takes UDP."""
+    proc = Path(f'/proc/{pid}')
+    held = {os.readlink(each) for each in (proc / 'fd').iterdir() if each.is_symlink()}
+    found = set()
+    for line in (proc / 'net' / 'udp').read_text().splitlines()[1:]:
+        address, inode = line.split()[1], line.split()[9]
+        if f'socket:[{inode}]' in held:
+            found.add(socket.inet_ntoa(bytes.fromhex(address.partition(':')[0])[::-1]))
+    return found
 
 
 def test_a_node_that_waits_for_its_hardware_ends(graph) -> None:
@@ -257,9 +272,11 @@ def test_a_stop_of_before_is_in_force_from_the_first_word_on(graph, tmp_path) ->
     assert 'emergency stop is in force' in health[0]['message']
 
 
-def test_a_state_that_can_be_neither_read_nor_written_is_said_once(graph, tmp_path) -> None:
+@pytest.mark.parametrize('name', ['', 'pipe', '/dev/null', '/dev/zero'])
+def test_a_state_that_can_be_neither_read_nor_written_is_said_once(graph, tmp_path, name) -> None:
     health = graph.told()
-    graph.start('roller_speed', port=graph.port, state_file=str(tmp_path))  # a folder
+    os.mkfifo(tmp_path / 'pipe')
+    graph.start('roller_speed', port=graph.port, state_file=str(tmp_path / name))
     graph.spin_until(lambda: health.says('safety state failed'))
     count = len(health)
     graph.spin_until(lambda: len(health) > count + 3)  # it has been tried again

@@ -22,11 +22,12 @@ from pathlib import Path
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from processes import HUNT, children
+from sensor_msgs.msg import JointState
 
 from hunt_ros.cli.support.processes import NodeSpec
 from hunt_ros.cli.support.supervisor import Supervisor, _Child, _in_child
 from hunt_ros.nodes.support.conversions import diagnostic
-from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
+from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched, stream
 
 pytestmark = pytest.mark.slow
 
@@ -311,6 +312,21 @@ def test_a_message_that_says_nothing_ends_no_run(run, graph) -> None:
         publisher.publish(DiagnosticArray())
         publisher.publish(diagnostic(0, 'camera', 'OK', '', strange, ''))
     rig.kill('lateral_sensor')
+    # And there are bytes that are no message at all.
+    publisher = graph.node.create_publisher(JointState, 'lateral', stream(10))
+    names = ('roller_speed', 'hunting_detector')
+    logs = [next(graph.folder.rglob(f'{name}.log')) for name in names]
+
+    def said() -> bool:
+        for wire in (b'', b'\0\1\0\0', bytes(range(200))):
+            publisher.publish(wire)
+        return all('a message cannot be read' in log.read_text() for log in logs)
+
+    graph.spin_until(said)
+    rig.kill('yaw_sensor')
+    assert 'roller_speed ended' not in rig.screen
+    assert 'hunting_detector ended' not in rig.screen
+    assert all(log.read_text().count('a message cannot be read') < 3 for log in logs)
     assert 'alarm_outputs ended' not in rig.screen
     assert rig.end() == 0, rig.screen
 

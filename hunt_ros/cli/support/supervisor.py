@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import math
 import os
 import signal
 import socket
@@ -64,6 +65,10 @@ _AGAIN_S, _AGAIN_MOST_S = 0.5, 30.0
 #: Exit codes of a node that refuses its settings, or cannot have what it needs; of ROS where the
 #: middleware of RMW_IMPLEMENTATION is not there.
 _REFUSED = (2, 102)
+_DEAF = (
+    f'no node of this run is heard for {START_S:g} s, and no alarm of theirs is shown here: does a'
+    ' firewall, a profile of Fast DDS or a crowded ROS domain keep them apart? (docs/lab-pc.md)'
+)
 #: Ctrl-C that comes sooner after the end was asked for is the same one, s.
 _SAME_S = 0.5
 #: A guard that is killed on the way to the safe speed is started again so often.
@@ -179,6 +184,8 @@ class Supervisor:
         self._handlers: dict[signal.Signals, Any] = {}
         self._asked_s: float | None = None  # when the end was asked for
         self._hurry = self._winding = False
+        #: When any node of the run was heard last, and whether it was said that none is.
+        self._heard_s, self._deaf = math.inf, False
 
     @cached_property
     def logs(self) -> Path:
@@ -206,6 +213,7 @@ class Supervisor:
             Where the end was asked for.
         """
         self._interrupt()
+        self._heard_s = min(self._heard_s, time.monotonic())
         child = self._children[spec.module] = _Child(spec, attach)
         self._launch(child)
         kept = [self.in_memory(path.name, path.read_bytes()) for path in spec.parameter_files]
@@ -263,6 +271,9 @@ class Supervisor:
         """
         self._interrupt()
         lines = [self._told.get() for _ in range(self._told.qsize())]
+        if (deaf := time.monotonic() - self._heard_s > START_S) != self._deaf:
+            self._deaf = deaf
+            lines.append(_DEAF if deaf else 'nodes of this run are heard again')
         for name, child in list(self._children.items()):
             if self._winding and name in GUARDS:
                 continue
@@ -314,6 +325,7 @@ class Supervisor:
         namespace, _, name = node.rpartition('/')
         if namespace.strip('/') != self._namespace.strip('/'):
             return
+        self._heard_s = time.monotonic()
         for module, child in self._children.items():
             if name in (child.spec.nodes or (module,)):
                 child.others, child.patience = Counter(), _SILENT

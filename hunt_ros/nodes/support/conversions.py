@@ -128,11 +128,14 @@ class ChannelReader:
         self._same, self._place = b'?', 12  # behind encapsulation and stamp
 
     def read(self, wire: bytes) -> tuple[int, float] | None:
-        """Return (stamp in ns, value), or None where the joint is not in the message."""
-        if wire[12 : self._place] != self._same:
-            return self._learn(wire)
-        seconds, nanoseconds = struct.unpack_from('<iI', wire, 4)
-        value: float = struct.unpack_from('<d', wire, self._place)[0]
+        """Return (stamp in ns, value); None where it is no message, or the joint is not in it."""
+        try:
+            if wire[12 : self._place] != self._same:
+                return self._learn(wire)
+            seconds, nanoseconds = struct.unpack_from('<iI', wire, 4)
+            value: float = struct.unpack_from('<d', wire, self._place)[0]
+        except (RuntimeError, struct.error):  # bytes of anybody: ROS does not read them either
+            return None
         return seconds * NANOSECONDS + nanoseconds, value
 
     def _learn(self, wire: bytes) -> tuple[int, float] | None:

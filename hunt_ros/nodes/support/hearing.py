@@ -29,6 +29,8 @@ from hunt_ros.suite import AGAIN
 _TOGETHER_S, _THERE_S = 5.0, 1.0
 #: Words that came longer ago than this do not belong to a call that comes now, s.
 _FRESH_S = 5.0
+#: A message that cannot be read is said, and others for so long are not, s.
+_SAID_S = 60.0
 #: In the name of a node that has just been found, or was killed: its own is not known.
 UNNAMED = 'UNKNOWN_'
 #: So many calls of one service are waited for at once, and what is said with them kept.
@@ -111,7 +113,7 @@ class Channels:
     Attributes
     ----------
     received, unreadable : int
-        Samples handed over; messages without the expected joint.
+        Samples handed over; messages without the expected joint, or that cannot be read.
     """
 
     def __init__(
@@ -160,6 +162,8 @@ class Channels:
                 missed.take(info)
                 if (sample := read(wire)) is None:
                     self.unreadable += 1
+                    said = f'{subscription.topic_name}: a message cannot be read as {channel}'
+                    self._node.get_logger().warning(said, throttle_duration_sec=_SAID_S)
                 else:
                     samples.append((*sample, info['received_timestamp'] or time.time_ns()))
             self.received += len(samples)

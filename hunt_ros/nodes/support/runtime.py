@@ -32,8 +32,9 @@ from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import refuse_unknown
 from hunt_ros.suite import AGAIN
 
-#: Kilted begins with Fast DDS 3, which has another name for the file of its profiles.
+#: Kilted begins with Fast DDS 3: another variable for the file of its profiles, other words in it.
 _KILTED = int(version('rclpy').partition('.')[0]) >= 9
+_PROFILE = 'fast_dds_3' if _KILTED else 'fast_dds'
 #: Who sets one of these has chosen how Fast DDS talks.
 _CHOICES = (
     'FASTRTPS_DEFAULT_PROFILES_FILE',
@@ -138,11 +139,12 @@ def _choose_transport() -> None:
     told = os.environ
     if {*_CHOICES} & told.keys() or 'fastrtps' not in rmw_identifier():
         return
-    told[_CHOICES[_KILTED]] = str(Path(__file__).with_name('fast_dds.xml'))
+    this_host = ''
     asked = told.get('ROS_AUTOMATIC_DISCOVERY_RANGE'), 'ROS_STATIC_PEERS' in told
     if told.pop('ROS_LOCALHOST_ONLY', '0') == '1' or asked == ('LOCALHOST', False):
         told['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
-        told[_CHOICES[_KILTED]] = str(Path(__file__).with_name('fast_dds_this_host.xml'))
+        this_host = '_this_host'
+    told[_CHOICES[_KILTED]] = str(Path(__file__).with_name(f'{_PROFILE}{this_host}.xml'))
 
 
 def _raise_failures(nodes: Sequence[SuiteNode]) -> None:

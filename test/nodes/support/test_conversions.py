@@ -75,6 +75,18 @@ def test_bytes_without_meaning_between_the_fields_cost_no_message(monkeypatch) -
     assert reader.read(bytes(wire)) == (1, 0.5)
 
 
+@given(cut=st.integers(0, 80), damage=st.binary(max_size=80))
+def test_bytes_that_are_no_message_are_left_out_and_the_next_message_is_read(cut, damage) -> None:
+    whole = joint_writer(['lateral'], 'rig')(1, 0.5)
+    for first in (whole, b''):
+        reader = ChannelReader('lateral')
+        reader.read(first)
+        for wire in (damage, whole[:cut], whole[:cut] + damage):
+            read = reader.read(wire)
+            assert read is None or len(wire) >= len(whole) - 8
+        assert reader.read(whole) == (1, 0.5)
+
+
 def test_a_speed_is_read_from_the_wire() -> None:
     reader = ChannelReader('speed')
     for stamp, speed in ((5, 7.25), (2_000_000_005, -0.5)):
