@@ -73,7 +73,7 @@ def test_free_motion_is_that_of_an_adaptive_integrator(rate: float) -> None:
         atol=1e-14,
     )
     np.testing.assert_allclose(block.true_lateral, run.y[0] * length, atol=1e-9)
-    np.testing.assert_allclose(block.true_yaw, run.y[2], atol=1e-8)
+    np.testing.assert_allclose(block.yaw, run.y[2], atol=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -131,8 +131,8 @@ def test_broadband_motion_has_the_stationary_covariance_at_start_and_later() -> 
     for seed in range(400):
         stream = RollerRig(rig, quiet, seed)
         block = stream.advance(1001)
-        starts.append((block.true_lateral[0], block.true_yaw[0]))
-        ends.append((block.true_lateral[-1], block.true_yaw[-1]))
+        starts.append((block.true_lateral[0], block.yaw[0]))
+        ends.append((block.true_lateral[-1], block.yaw[-1]))
     for sample in (starts, ends):
         std = np.std(sample, axis=0) / [rig.length_scale, 1.0]
         # 400 draws: the standard deviation is known to 3.5 %
