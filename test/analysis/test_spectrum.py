@@ -45,7 +45,7 @@ def test_hunting_and_roughness_are_named_and_measured(speed, hunting, amplitude,
 def test_the_density_holds_the_variance():
     signal = 1e-3 * np.sin(2 * np.pi * 2.8 * TIME) + noise()
     spectrum = power_spectrum(signal, RATE)
-    power = spectrum.density.sum() * spectrum.resolution_hz
+    power = spectrum.density.sum() * spectrum.frequency_hz[1]
     assert power == pytest.approx(np.var(signal), rel=0.02)
 
 
