@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hunt_ros.analysis.phase_portrait import PhasePortrait, phase_portrait
-from hunt_ros.analysis.spectrum import roughness_frequency
 from hunt_ros.analysis.steady_state import standard_error
 from hunt_ros.analysis.uniform import checked
 from hunt_ros.errors import IdentificationError
@@ -87,11 +86,7 @@ class PoincareSection:
 
 
 def poincare_section(
-    values: ArrayLike,
-    rate_hz: float,
-    roller_angle: ArrayLike | None = None,
-    speed: float = math.nan,
-    roller_diameter_m: float = 0.3,
+    values: ArrayLike, rate_hz: float, roller_angle: ArrayLike
 ) -> PoincareSection:
     """
     Cut the orbit once a roller revolution and say what the section is.
@@ -102,18 +97,13 @@ def poincare_section(
         Uniform samples of y, m (or psi, rad) in a steady state.
     rate_hz : float
         Sample rate, Hz.
-    roller_angle : array_like, shape (n,), optional
-        Continuous angle of the roller, rad. Without it the revolutions are counted from
-        `speed` and the time, Eq. (1).
-    speed : float
-        Running speed, m/s.
-    roller_diameter_m : float
-        D, m.
+    roller_angle : array_like, shape (n,)
+        Continuous angle of the roller, rad.
 
     Raises
     ------
     IdentificationError
-        Without angle and speed, or with fewer than four revolutions.
+        For fewer than four revolutions.
 
     References
     ----------
@@ -121,13 +111,7 @@ def poincare_section(
     """
     array = checked(values, 64, 'Poincare section')
     portrait = phase_portrait(array, rate_hz)
-    if roller_angle is not None:
-        angle = checked(roller_angle, array.size, 'roller angle')
-    elif math.isfinite(speed) and speed > 0.0:
-        turn = 2.0 * math.pi * roughness_frequency(speed, roller_diameter_m)
-        angle = np.asarray(np.arange(array.size) * turn / rate_hz, dtype=np.float64)
-    else:
-        raise IdentificationError('Poincare section: expected a roller angle or a speed')
+    angle = checked(roller_angle, array.size, 'roller angle')
     inside = slice(portrait.first, portrait.first + portrait.displacement.size)
     turns = angle[inside] / (2.0 * math.pi)
     if turns.size and turns[-1] < turns[0]:

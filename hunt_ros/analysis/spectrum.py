@@ -74,17 +74,12 @@ class Spectrum:
         return next((line for line in self.lines if line.name == name), None)
 
 
-def roughness_frequency(speed: float, roller_diameter_m: float = 0.3, order: int = 1) -> float:
-    """Return order times v / (pi D), Hz, Eq. (1): the paper's omega_r is a frequency in Hz."""
-    return order * speed / (math.pi * roller_diameter_m)
+def roughness_frequency(speed: float, roller_diameter_m: float) -> float:
+    """Return v / (pi D), Hz, Eq. (1): the paper's omega_r is a frequency in Hz."""
+    return speed / (math.pi * roller_diameter_m)
 
 
-def power_spectrum(
-    values: ArrayLike,
-    rate_hz: float,
-    speed: float = math.nan,
-    roller_diameter_m: float = 0.3,
-) -> Spectrum:
+def power_spectrum(values: ArrayLike, rate_hz: float, roller_hz: float = 0.0) -> Spectrum:
     """
     Power spectrum by Welch's method, with hunting and roughness named.
 
@@ -94,10 +89,8 @@ def power_spectrum(
         Uniform samples of y (m) or psi (rad).
     rate_hz : float
         Sample rate, Hz.
-    speed : float
-        Mean running speed, m/s; NaN: no line is called roughness.
-    roller_diameter_m : float
-        D of Eq. (1), m.
+    roller_hz : float
+        Revolutions of the roller a second, `roughness_frequency`; 0: no line is called roughness.
 
     Returns
     -------
@@ -121,14 +114,13 @@ def power_spectrum(
     )
     segments = max(array.size / size, 1.0)
     found = []
-    if math.isfinite(speed) and speed > 0.0:
-        for order in range(1, ORDERS + 1):
-            expected = roughness_frequency(speed, roller_diameter_m, order)
-            name = 'roughness' if order == 1 else f'roughness {order}'
-            near = np.abs(frequency - expected) <= max(0.02 * expected, 2.0 * rate_hz / size)
-            line = _line(name, frequency, density, near, segments)
-            if line is not None:
-                found.append(line)
+    for order in range(1, ORDERS + 1) if roller_hz > 0.0 else ():
+        expected = order * roller_hz
+        name = 'roughness' if order == 1 else f'roughness {order}'
+        near = np.abs(frequency - expected) <= max(0.02 * expected, 2.0 * rate_hz / size)
+        line = _line(name, frequency, density, near, segments)
+        if line is not None:
+            found.append(line)
     near = (frequency >= HUNTING_HZ[0]) & (frequency <= HUNTING_HZ[1])
     for line in found:
         # Past its main lobe a line leaks 1/(pi k (k^2 - 1)) of its amplitude, k bins away.
@@ -139,18 +131,17 @@ def power_spectrum(
         near &= density > 4.0 * leak
     hunting = _line('hunting', frequency, density, near, segments, broad=True)
     if hunting is not None:
-        found = [_renamed(line, hunting, speed, roller_diameter_m) for line in found]
+        found = [_renamed(line, hunting, roller_hz) for line in found]
         found.append(hunting)
     found.sort(key=lambda line: line.frequency_hz)
     return Spectrum(frequency, density, tuple(found))
 
 
-def _renamed(line: Line, hunting: Line, speed: float, roller_diameter_m: float) -> Line:
+def _renamed(line: Line, hunting: Line, roller_hz: float) -> Line:
     """Call a line a harmonic of hunting where that is nearer than the roughness expected."""
     order = round(line.frequency_hz / hunting.frequency_hz)
     overtone = abs(line.frequency_hz - order * hunting.frequency_hz)
-    roller = line.frequency_hz / roughness_frequency(speed, roller_diameter_m)
-    away = abs(roller - round(roller)) * roughness_frequency(speed, roller_diameter_m)
+    away = abs(line.frequency_hz - round(line.frequency_hz / roller_hz) * roller_hz)
     # Only an odd nonlinearity of a strong limit cycle makes overtones, and they are weaker.
     if order >= 2 and overtone < 0.5 * away and line.amplitude < 0.2 * hunting.amplitude:
         return replace(line, name=f'hunting {order}')

@@ -248,6 +248,20 @@ def test_a_stretch_that_cannot_be_analysed_says_so_panel_by_panel() -> None:
     assert words(response_panels(response)).count('not known') == 4
 
 
+@pytest.mark.parametrize(('diameter', 'cut'), [(0.3, 'revolution'), (None, 'hunting')])
+def test_without_an_encoder_a_diameter_tells_the_revolutions(
+    diameter: float | None, cut: str
+) -> None:
+    time = np.arange(6000) / 100.0
+    wave = 1e-3 * np.sin(2 * np.pi * 2.8 * time) + 1e-4 * np.sin(2 * np.pi * 7.64 * time)
+    record = Record({'lateral': Series(np.arange(6000) * 10_000_000, wave)}, 'no encoder')
+    response = response_of(record, 7.2, diameter)
+    assert response.section is not None
+    assert response.section.cut == cut
+    assert response.spectrum is not None
+    assert (response.spectrum.line('roughness') is not None) == (cut == 'revolution')
+
+
 def state(speed: float, direction: str, amplitude: float, **more: Any) -> SteadyState:
     return SteadyState(speed, amplitude, 0.01 * amplitude, direction, 60, **more)  # type: ignore[arg-type]
 
