@@ -63,7 +63,7 @@ def rounded(
     digits: int = 4,
 ) -> tuple[str, str]:
     """
-    Round a value to two significant digits of its uncertainty.
+    Round a value to two significant digits of its uncertainty; all numbers are finite.
 
     Parameters
     ----------
@@ -82,14 +82,7 @@ def rounded(
         As HTML: '8.013 ± 0.042' or, where a deviation would mislead, '0.070, −0.260 … 0.390';
         and the interval, '7.931 … 8.095', '' without one.
 
-    Raises
-    ------
-    ValueError
-        If one of the numbers is not finite (what is not known has no digits).
     """
-    numbers = [value, *([] if std is None else [std]), *(interval or ())]
-    if not all(math.isfinite(x) for x in numbers):
-        raise ValueError(f'only finite numbers have digits, got {numbers}')
     std = None if std is None or std <= 0.0 else std
     texts, exponent = decimal_digits([value, *(interval or ()), std or 0.0], std, digits)
     text, *ends, deviation = (each.replace('-', '−') for each in texts)

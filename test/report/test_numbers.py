@@ -95,13 +95,6 @@ def test_a_skewed_interval_is_printed_and_not_its_deviation(value, std, ends, te
     assert rounded(value, std, ends)[0] == text
 
 
-@pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf])
-def test_what_is_not_finite_has_no_digits(bad: float) -> None:
-    for arguments in ((bad,), (1.0, bad), (1.0, 1.0, (bad, 2.0))):
-        with pytest.raises(ValueError, match='finite'):
-            rounded(*arguments)
-
-
 def test_what_is_not_known_says_why_or_that() -> None:
     assert 'not known: a &lt; b' in shown(Unknown('a < b'))
     for nothing in (None, math.nan, Uncertain(math.nan, 1.0)):

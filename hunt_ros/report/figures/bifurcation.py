@@ -15,7 +15,6 @@ import numpy as np
 
 from hunt_ros.report.figures import style
 from hunt_ros.report.figures.diagram import (
-    bands_of_branches,
     bands_of_draws,
     bifurcation_diagram,
     draw_states,
@@ -108,7 +107,7 @@ def identified_diagram(one: Identification) -> Figure:
     first = v_n if v_n is not None else v_c
     low = min([*speeds, first - 0.05 * v_c]) - 0.01 * v_c
     high = max([*speeds, v_c + 0.05 * v_c]) + 0.01 * v_c
-    shaded = bands_of_branches(one.branches) or bands_of_draws(one.normal_form, low, high)
+    shaded = bands_of_draws(one.normal_form, low, high)
     highest = max(
         [state.amplitude for state in states]
         + [float(np.nanmax(form.stable_amplitude(np.linspace(v_c, high))))]

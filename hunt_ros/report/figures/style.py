@@ -110,7 +110,7 @@ def journal_style() -> Iterator[None]:
 
 def new_figure(width: float = COLUMN, height: float = 0.72 * COLUMN) -> Figure:
     """
-    Make an empty figure in the look of the report.
+    Make an empty figure, inside a block of `journal_style`.
 
     Parameters
     ----------
@@ -119,8 +119,7 @@ def new_figure(width: float = COLUMN, height: float = 0.72 * COLUMN) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    with journal_style():
-        return Figure(figsize=(width, height))
+    return Figure(figsize=(width, height))
 
 
 def frame(axes: Axes, xlabel: str, ylabel: str) -> None:
@@ -244,7 +243,7 @@ def save_figures(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
     Raises
     ------
     HuntError
-        If the folder or a file cannot be written.
+        If a file cannot be written.
     """
     made = not folder.exists()
     written: dict[Path, bytes] = {}
@@ -255,8 +254,6 @@ def save_figures(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
         folder.mkdir(parents=True, exist_ok=True)
         for path, raw in written.items():
             write_whole(path, raw, 'figure')
-    except OSError as error:
-        raise HuntError(f'{folder}: cannot write the figures ({error.strerror})') from error
     except HuntError:
         if made:
             shutil.rmtree(folder, ignore_errors=True)

@@ -20,12 +20,10 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.limit_cycle import limit_cycles
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.identification.posterior import BranchPoint
 from hunt_ros.report.choice import either_side, four_states
 from hunt_ros.report.figures.bifurcation import hysteresis_loop, identified_diagram
 from hunt_ros.report.figures.diagram import (
     Curve,
-    bands_of_branches,
     bands_of_draws,
     bifurcation_diagram,
     branch_curve,
@@ -37,7 +35,7 @@ from hunt_ros.report.figures.overview import run_overview
 from hunt_ros.report.figures.response_panels import response_panels
 from hunt_ros.report.figures.style import journal_style, new_figure, svg
 from hunt_ros.report.response import response_of
-from hunt_ros.samples import Record, Series, Uncertain
+from hunt_ros.samples import Record, Series
 
 SUPERCRITICAL = replace(PAPER_NORMAL_FORM, D4=-2030.0)
 
@@ -149,17 +147,6 @@ def test_the_bands_hold_the_branch_and_so_many_of_the_draws() -> None:
 
 def test_a_form_taken_as_exact_has_no_band() -> None:
     assert bands_of_draws(IdentifiedNormalForm(PAPER_NORMAL_FORM), 6.0, 9.0) == {}
-
-
-def test_the_bands_are_the_intervals_of_the_branches() -> None:
-    points = [
-        BranchPoint(7.0, Uncertain(5.5e-4, 3e-5, 5e-4, 6e-4), None),
-        BranchPoint(7.5, Uncertain(6e-4, 1e-3, -1e-5, 7e-4), Uncertain(1e-4, 1e-5)),
-    ]
-    bands = bands_of_branches(points)
-    assert set(bands) == {'stable'}
-    np.testing.assert_array_equal(bands['stable'][1], [5e-4, 0.0])  # no amplitude below zero
-    np.testing.assert_array_equal(bands['stable'][2], [6e-4, 7e-4])
 
 
 # --- the figures ----------------------------------------------------------------------
