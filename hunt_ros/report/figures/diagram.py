@@ -269,7 +269,9 @@ def bifurcation_diagram(
             values = [np.array([0.0, *amplitudes])]
             for curve in curves:
                 inside = (curve.speed >= low) & (curve.speed <= high)
-                values += [curve.stable[inside], curve.unstable[inside]]
+                # What is unstable lies below what is stable, or runs away.
+                known = np.isfinite(curve.stable[inside]).any()
+                values.append((curve.stable if known else curve.unstable)[inside])
             highest = 1.12 * float(np.nanmax(np.concatenate(values)))
         top = style.MILLIMETRES * highest or 1.0
         axes.set_xlim(low, high)
