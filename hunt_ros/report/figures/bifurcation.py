@@ -74,8 +74,7 @@ def hysteresis_loop(
                 ha='center',
                 color=style.INK,
             )
-        if axes.get_legend_handles_labels()[0]:
-            style.legend_above(axes, columns=2)
+        style.legend_above(axes, columns=2)
         return figure
 
 

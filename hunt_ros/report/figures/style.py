@@ -130,14 +130,15 @@ def frame(axes: Axes, xlabel: str, ylabel: str) -> None:
 
 
 def legend_above(axes: Axes, columns: int = 2) -> None:
-    """Put the legend above the axes, where no rig's data can lie under it."""
-    axes.legend(
-        loc='lower left',
-        bbox_to_anchor=(0.0, 1.0),
-        ncol=columns,
-        borderaxespad=0.2,
-        columnspacing=1.2,
-    )
+    """Put a legend above the axes, where no rig's data can lie under it; none without a name."""
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(
+            loc='lower left',
+            bbox_to_anchor=(0.0, 1.0),
+            ncol=columns,
+            borderaxespad=0.2,
+            columnspacing=1.2,
+        )
 
 
 def upright(
