@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -17,16 +18,25 @@ from scipy.stats import binom
 
 from hunt_ros.bag import write_record
 from hunt_ros.detection.output import Output
-from hunt_ros.dynamics.growth_law import GrowthLaw, GrowthScales, lawful
+from hunt_ros.dynamics.growth_law import PAPER_TERMS, GrowthLaw, GrowthScales, lawful, reading
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.dynamics.paper_form import from_normal_form
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Corners, Hold, Profile
 from hunt_ros.dynamics.simulation import Kick, Roughness, SensorModel, SimulationSettings, simulate
 from hunt_ros.samples import Record, Series
 
 SECOND = 1_000_000_000
+
+
+def from_normal_form(form: NormalForm, scales: GrowthScales) -> np.ndarray:
+    """Coefficients of the paper's form, shape (6,); the inverse of `to_normal_form`."""
+    ratio = (scales.amplitude / (2.0 * form.length_scale)) ** 2
+    about = [0.0, form.D1, form.D7, form.D4 * ratio, form.D10 * ratio, form.D15 * ratio**2]
+    there = reading(0.0, math.log(scales.speed / form.critical_speed)) @ lawful(about)
+    return there[:PAPER_TERMS] / form.time_scale
+
+
 #: The normal form of the paper, taken as exact.
 PAPER = IdentifiedNormalForm(PAPER_NORMAL_FORM)
 #: Its law, in scales near its own.

@@ -56,8 +56,7 @@ RUN_THE_CHAIN = textwrap.dedent(
             importlib.import_module(module.name)
     from hunt_ros.compiled import HAVE_COMPILER
     from hunt_ros.detection import DetectorConfig, HuntingDetector, detect
-    from hunt_ros.dynamics.growth_law import GrowthScales, lawful
-    from hunt_ros.dynamics.paper_form import from_normal_form
+    from hunt_ros.dynamics.growth_law import lawful
     from hunt_ros.dynamics.identified import IdentifiedNormalForm
     from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
     from hunt_ros.dynamics.parameters import paper_rig
@@ -77,7 +76,7 @@ RUN_THE_CHAIN = textwrap.dedent(
     )
     detector = HuntingDetector(DetectorConfig(), IdentifiedNormalForm(PAPER_NORMAL_FORM))
     rows = detect(detector, record).estimates
-    law = lawful(from_normal_form(PAPER_NORMAL_FORM, GrowthScales(7.4, 7e-4, 0.0485, 0.0386, 2.8)))
+    law = lawful([-0.24, 3.09, -1.33, 2.78, -0.45, -2.95])
     theta = np.concatenate([law, [0.0, 0.0, -8.0, -12.0, -20.0]])
     n = np.arange(12)
     phasor = (0.3 + 0.02 * n) * np.exp(0.1j * n)

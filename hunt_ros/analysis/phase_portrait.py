@@ -10,6 +10,9 @@ from scipy import signal
 
 from hunt_ros.analysis.uniform import checked
 
+#: Highest frequency of interest, Hz: hunting and the roughness line.
+HIGHEST_HZ = 12.0
+
 
 @dataclass(frozen=True, eq=False)
 class PhasePortrait:
@@ -29,12 +32,12 @@ class PhasePortrait:
     first: int
 
 
-def phase_portrait(values: ArrayLike, rate_hz: float, highest_hz: float = 12.0) -> PhasePortrait:
+def phase_portrait(values: ArrayLike, rate_hz: float) -> PhasePortrait:
     """
     Displacement and velocity by local cubic polynomials (Savitzky-Golay).
 
     Displacement and velocity come from one polynomial, so the orbit closes where the
-    motion does; the window keeps 90 % of a line at `highest_hz`.
+    motion does; the window keeps 90 % of a line at `HIGHEST_HZ`.
 
     Parameters
     ----------
@@ -42,8 +45,6 @@ def phase_portrait(values: ArrayLike, rate_hz: float, highest_hz: float = 12.0) 
         Uniform samples.
     rate_hz : float
         Sample rate, Hz.
-    highest_hz : float
-        Highest frequency of interest, Hz: hunting and the roughness line.
 
     Raises
     ------
@@ -55,11 +56,8 @@ def phase_portrait(values: ArrayLike, rate_hz: float, highest_hz: float = 12.0) 
     Savitzky and Golay 1964, Anal. Chem. 36, 1627-1639.
     """
     array = checked(values, 32, 'phase portrait')
-    half = max(round(0.3 * rate_hz / highest_hz), 2)
-    half = min(half, (array.size - 1) // 2)
-    window = 2 * half + 1
-    order = min(3, window - 1)
-    options = {'window_length': window, 'polyorder': order}
+    half = min(max(round(0.3 * rate_hz / HIGHEST_HZ), 2), (array.size - 1) // 2)
+    options = {'window_length': 2 * half + 1, 'polyorder': 3}
     smooth = signal.savgol_filter(array - array.mean(), **options)
     rate = signal.savgol_filter(array - array.mean(), deriv=1, delta=1.0 / rate_hz, **options)
     smooth, rate = smooth[half : array.size - half], rate[half : array.size - half]

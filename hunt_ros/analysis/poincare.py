@@ -13,14 +13,13 @@ its own.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hunt_ros.analysis.phase_portrait import PhasePortrait, phase_portrait
-from hunt_ros.analysis.spectrum import roughness_frequency
 from hunt_ros.analysis.steady_state import standard_error
 from hunt_ros.analysis.uniform import checked
 from hunt_ros.errors import IdentificationError
@@ -29,12 +28,6 @@ Kind = Literal['periodic', 'quasi-periodic', 'noise-driven', 'transient', 'undec
 Cut = Literal['revolution', 'hunting']
 #: What holds the radius of a section.
 Law = Literal['noise', 'cycle', 'transient', 'undecided']
-
-_OF_LAW: dict[Law, Kind] = {
-    'cycle': 'quasi-periodic',
-    'transient': 'transient',
-    'undecided': 'undecided',
-}
 
 #: Spread of a section, relative to the orbit, that passes for one sharp point.
 SHARP = 0.02
@@ -89,16 +82,11 @@ class PoincareSection:
     kind: Kind
     period: int
     spread: float
-    cut: Cut = 'revolution'
+    cut: Cut
 
 
 def poincare_section(
-    values: ArrayLike,
-    rate_hz: float,
-    roller_angle: ArrayLike | None = None,
-    speed: float = math.nan,
-    roller_diameter_m: float = 0.3,
-    phase: float = 0.0,
+    values: ArrayLike, rate_hz: float, roller_angle: ArrayLike
 ) -> PoincareSection:
     """
     Cut the orbit once a roller revolution and say what the section is.
@@ -109,20 +97,13 @@ def poincare_section(
         Uniform samples of y, m (or psi, rad) in a steady state.
     rate_hz : float
         Sample rate, Hz.
-    roller_angle : array_like, shape (n,), optional
-        Continuous angle of the roller, rad. Without it the revolutions are counted from
-        `speed` and the time, Eq. (1).
-    speed : float
-        Running speed, m/s.
-    roller_diameter_m : float
-        D, m.
-    phase : float
-        Roller angle of the section, rad.
+    roller_angle : array_like, shape (n,)
+        Continuous angle of the roller, rad.
 
     Raises
     ------
     IdentificationError
-        Without angle and speed, or with fewer than four revolutions.
+        For fewer than four revolutions.
 
     References
     ----------
@@ -130,15 +111,9 @@ def poincare_section(
     """
     array = checked(values, 64, 'Poincare section')
     portrait = phase_portrait(array, rate_hz)
-    if roller_angle is not None:
-        angle = checked(roller_angle, array.size, 'roller angle')
-    elif math.isfinite(speed) and speed > 0.0:
-        turn = 2.0 * math.pi * roughness_frequency(speed, roller_diameter_m)
-        angle = np.asarray(np.arange(array.size) * turn / rate_hz, dtype=np.float64)
-    else:
-        raise IdentificationError('Poincare section: expected a roller angle or a speed')
+    angle = checked(roller_angle, array.size, 'roller angle')
     inside = slice(portrait.first, portrait.first + portrait.displacement.size)
-    turns = (angle[inside] - phase) / (2.0 * math.pi)
+    turns = angle[inside] / (2.0 * math.pi)
     if turns.size and turns[-1] < turns[0]:
         turns = -turns
     whole = np.arange(math.ceil(turns[0]), math.floor(turns[-1]) + 1)
@@ -148,18 +123,7 @@ def poincare_section(
         )
     rising = np.maximum.accumulate(turns)
     place = np.interp(whole, rising, np.arange(turns.size))
-    count = np.arange(turns.size)
-    displacement = np.interp(place, count, portrait.displacement)
-    velocity = np.interp(place, count, portrait.velocity)
-    found, white = _section(displacement, velocity, portrait)
-    if found.period:
-        return found
-    law = _law(white)
-    if law != 'noise':
-        return replace(found, kind=_OF_LAW[law])
-    if found.spread > MOSTLY_NOISE:
-        return replace(found, kind='noise-driven')
-    return replace(found, kind='periodic', period=1)
+    return _section(portrait, place, 'revolution')
 
 
 def own_section(
@@ -195,20 +159,7 @@ def own_section(
         raise IdentificationError(f'Poincare section: {place.size} cycles, expected at least 4')
     later = 0.25 * float(np.median(np.diff(place))) if yaw is None else 0.0
     place = place[place + later <= portrait.displacement.size - 1]
-    count = np.arange(portrait.displacement.size)
-    displacement = np.interp(place + later, count, portrait.displacement)
-    velocity = np.interp(place, count, portrait.velocity)
-    found = replace(_section(displacement, velocity, portrait)[0], cut='hunting')
-    if found.period:
-        return found
-    # A cycle that comes late has turned back against one that keeps the mean time.
-    steps = np.arange(place.size)
-    slip = place - np.polyval(np.polyfit(steps, place, 1), steps)
-    turned = np.exp(-2j * math.pi * slip / float(np.median(np.diff(place))))
-    law = _law(np.abs(displacement) * turned)
-    if law == 'cycle':
-        return replace(found, kind='periodic', period=1)
-    return replace(found, kind='noise-driven' if law == 'noise' else _OF_LAW[law])
+    return _section(portrait, place, 'hunting', later)
 
 
 def _rising(signal: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -229,24 +180,42 @@ def _rising(signal: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _section(
-    displacement: NDArray[np.float64], velocity: NDArray[np.float64], portrait: PhasePortrait
-) -> tuple[PoincareSection, NDArray[np.complex128]]:
-    """Section with its numbers, of a kind only where it closes, and its whitened points."""
+    portrait: PhasePortrait, place: NDArray[np.float64], cut: Cut, later: float = 0.0
+) -> PoincareSection:
+    """Cut an orbit at these places, in samples, its displacement `later`; say what is seen."""
+    count = np.arange(portrait.displacement.size)
+    displacement = np.interp(place + later, count, portrait.displacement)
+    velocity = np.interp(place, count, portrait.velocity)
     scale = np.array([np.std(portrait.displacement), np.std(portrait.velocity)])
     scale[scale == 0.0] = 1.0
     points = np.stack([displacement, velocity], axis=1) / scale
     centred = points - points.mean(axis=0)
     spread = math.sqrt(float(np.mean(np.sum(centred**2, axis=1))) / 2.0)
-    values, axes = np.linalg.eigh(centred.T @ centred / len(points))
     closed = 1 if spread < SHARP else _closing(centred)
-    white = np.zeros(len(points), dtype=np.complex128)
-    if values[0] > 1e-12 * max(values[1], 1e-300):
-        # The sign of an axis only mirrors the points, which changes nothing below.
-        first, second = (centred @ axes / np.sqrt(values)).T
-        white = first + 1j * second
-    kind: Kind = 'periodic' if closed else 'undecided'
-    found = PoincareSection(displacement, velocity, kind, closed, spread)
-    return found, white
+    if closed:
+        return PoincareSection(displacement, velocity, 'periodic', closed, spread, cut)
+    kinds: dict[Law, Kind] = {'transient': 'transient', 'undecided': 'undecided'}
+    if cut == 'revolution':
+        kinds |= {'cycle': 'quasi-periodic', 'noise': 'periodic'}
+        turning = np.zeros(len(points), dtype=np.complex128)
+        values, axes = np.linalg.eigh(centred.T @ centred / len(points))
+        if values[0] > 1e-12 * max(values[1], 1e-300):
+            # The sign of an axis only mirrors the points, which changes nothing below.
+            first, second = (centred @ axes / np.sqrt(values)).T
+            turning = first + 1j * second
+    else:
+        kinds |= {'cycle': 'periodic', 'noise': 'noise-driven'}
+        # A cycle that comes late has turned back against one that keeps the mean time.
+        steps = np.arange(place.size)
+        slip = place - np.polyval(np.polyfit(steps, place, 1), steps)
+        turning = np.abs(displacement) * np.exp(
+            -2j * math.pi * slip / float(np.median(np.diff(place)))
+        )
+    law = _law(turning)
+    kind = kinds[law]
+    if law == 'noise' and spread > MOSTLY_NOISE:
+        kind = 'noise-driven'
+    return PoincareSection(displacement, velocity, kind, int(kind == 'periodic'), spread, cut)
 
 
 def _turn(white: NDArray[np.complex128]) -> float:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,10 +89,6 @@ class Finding:
     advice: str = ''
     value: float | None = None
     unit: str = ''
-
-    def to_json(self) -> dict[str, Any]:
-        """Return it as JSON types."""
-        return dict(vars(self))
 
 
 def check_rig(

@@ -16,6 +16,10 @@ from scipy import signal
 
 from hunt_ros.analysis.uniform import checked
 
+#: Where hunting is looked for, Hz; (B-1) puts it between the natural frequencies.
+HUNTING_HZ = 1.0, 5.0
+#: Roughness lines looked for; and the length of the segments averaged, s (or a shorter record's).
+ORDERS, SEGMENT_S = 3, 20.0
 #: A line must stand above the spectrum around it by this factor (in power) to be named.
 PROMINENCE = 8.0
 
@@ -40,15 +44,12 @@ class Line:
         Hz. The deviation of a line the window resolves; for a broad peak, its own width.
     amplitude : float
         Of the sinusoid of the same power, in the unit of the signal.
-    prominence : float
-        Power over that around the line.
     """
 
     name: str
     frequency_hz: float
     frequency_std: float
     amplitude: float
-    prominence: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,15 +61,12 @@ class Spectrum:
     ----------
     frequency_hz, density : ndarray, shape (k,)
         Hz; unit of the signal squared per Hz.
-    resolution_hz : float
-        Spacing of the bins, Hz.
     lines : tuple of Line
         By frequency.
     """
 
     frequency_hz: NDArray[np.float64]
     density: NDArray[np.float64]
-    resolution_hz: float
     lines: tuple[Line, ...]
 
     def line(self, name: str) -> Line | None:
@@ -76,20 +74,12 @@ class Spectrum:
         return next((line for line in self.lines if line.name == name), None)
 
 
-def roughness_frequency(speed: float, roller_diameter_m: float = 0.3, order: int = 1) -> float:
-    """Return order times v / (pi D), Hz, Eq. (1): the paper's omega_r is a frequency in Hz."""
-    return order * speed / (math.pi * roller_diameter_m)
+def roughness_frequency(speed: float, roller_diameter_m: float) -> float:
+    """Return v / (pi D), Hz, Eq. (1): the paper's omega_r is a frequency in Hz."""
+    return speed / (math.pi * roller_diameter_m)
 
 
-def power_spectrum(
-    values: ArrayLike,
-    rate_hz: float,
-    speed: float = math.nan,
-    roller_diameter_m: float = 0.3,
-    hunting_band_hz: tuple[float, float] = (1.0, 5.0),
-    segment_s: float = 20.0,
-    orders: int = 3,
-) -> Spectrum:
+def power_spectrum(values: ArrayLike, rate_hz: float, roller_hz: float = 0.0) -> Spectrum:
     """
     Power spectrum by Welch's method, with hunting and roughness named.
 
@@ -99,16 +89,8 @@ def power_spectrum(
         Uniform samples of y (m) or psi (rad).
     rate_hz : float
         Sample rate, Hz.
-    speed : float
-        Mean running speed, m/s; NaN: no line is called roughness.
-    roller_diameter_m : float
-        D of Eq. (1), m.
-    hunting_band_hz : (float, float)
-        Where hunting is looked for; (B-1) puts it between the natural frequencies.
-    segment_s : float
-        Length of the segments averaged, s (shorter records: the whole).
-    orders : int
-        Roughness lines looked for.
+    roller_hz : float
+        Revolutions of the roller a second, `roughness_frequency`; 0: no line is called roughness.
 
     Returns
     -------
@@ -124,7 +106,7 @@ def power_spectrum(
     Welch 1967, IEEE Trans. Audio Electroacoust. 15, 70-73. The paper, Eq. (1), Fig. 5.
     """
     array = checked(values, 64, 'spectrum')
-    size = min(array.size, max(round(segment_s * rate_hz), 64))
+    size = min(array.size, max(round(SEGMENT_S * rate_hz), 64))
     if float(np.ptp(array)) <= STUCK * float(np.abs(array).max()):
         array = np.zeros_like(array)  # varies by rounding only
     frequency, density = signal.welch(
@@ -132,15 +114,14 @@ def power_spectrum(
     )
     segments = max(array.size / size, 1.0)
     found = []
-    if math.isfinite(speed) and speed > 0.0:
-        for order in range(1, orders + 1):
-            expected = roughness_frequency(speed, roller_diameter_m, order)
-            name = 'roughness' if order == 1 else f'roughness {order}'
-            near = np.abs(frequency - expected) <= max(0.02 * expected, 2.0 * rate_hz / size)
-            line = _line(name, frequency, density, near, segments)
-            if line is not None:
-                found.append(line)
-    near = (frequency >= hunting_band_hz[0]) & (frequency <= hunting_band_hz[1])
+    for order in range(1, ORDERS + 1) if roller_hz > 0.0 else ():
+        expected = order * roller_hz
+        name = 'roughness' if order == 1 else f'roughness {order}'
+        near = np.abs(frequency - expected) <= max(0.02 * expected, 2.0 * rate_hz / size)
+        line = _line(name, frequency, density, near, segments)
+        if line is not None:
+            found.append(line)
+    near = (frequency >= HUNTING_HZ[0]) & (frequency <= HUNTING_HZ[1])
     for line in found:
         # Past its main lobe a line leaks 1/(pi k (k^2 - 1)) of its amplitude, k bins away.
         bins = np.abs(frequency - line.frequency_hz) * size / rate_hz
@@ -150,18 +131,17 @@ def power_spectrum(
         near &= density > 4.0 * leak
     hunting = _line('hunting', frequency, density, near, segments, broad=True)
     if hunting is not None:
-        found = [_renamed(line, hunting, speed, roller_diameter_m) for line in found]
+        found = [_renamed(line, hunting, roller_hz) for line in found]
         found.append(hunting)
     found.sort(key=lambda line: line.frequency_hz)
-    return Spectrum(frequency, density, rate_hz / size, tuple(found))
+    return Spectrum(frequency, density, tuple(found))
 
 
-def _renamed(line: Line, hunting: Line, speed: float, roller_diameter_m: float) -> Line:
+def _renamed(line: Line, hunting: Line, roller_hz: float) -> Line:
     """Call a line a harmonic of hunting where that is nearer than the roughness expected."""
     order = round(line.frequency_hz / hunting.frequency_hz)
     overtone = abs(line.frequency_hz - order * hunting.frequency_hz)
-    roller = line.frequency_hz / roughness_frequency(speed, roller_diameter_m)
-    away = abs(roller - round(roller)) * roughness_frequency(speed, roller_diameter_m)
+    away = abs(line.frequency_hz - round(line.frequency_hz / roller_hz) * roller_hz)
     # Only an odd nonlinearity of a strong limit cycle makes overtones, and they are weaker.
     if order >= 2 and overtone < 0.5 * away and line.amplitude < 0.2 * hunting.amplitude:
         return replace(line, name=f'hunting {order}')
@@ -208,5 +188,4 @@ def _line(
         centre,
         width / math.sqrt(segments * max(density[top] / max(floor, 1e-300), 1.0) ** 0.5),
         math.sqrt(2.0 * power),
-        float(density[top]) / floor if floor > 0.0 else math.inf,
     )

@@ -6,14 +6,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hunt_ros.errors import IdentificationError
-from hunt_ros.samples import NANOSECONDS, Series
+from hunt_ros.samples import Series
+
+#: Largest share of a record that may lie in gaps longer than two sample steps.
+MOST_MISSING = 0.2
 
 
-def uniform(
-    series: Series, rate_hz: float | None = None, most_missing: float = 0.2
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def uniform(series: Series) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """
-    Interpolate a series linearly onto a uniform grid.
+    Interpolate a series linearly onto a uniform grid, of its median step.
 
     Samples that are not finite, or whose stamp does not advance, are left out first.
 
@@ -21,10 +22,6 @@ def uniform(
     ----------
     series : Series
         In any order, with any gaps.
-    rate_hz : float, optional
-        Rate of the grid, Hz; default: that of the series.
-    most_missing : float
-        Largest share of the grid that may lie in gaps longer than two sample steps.
 
     Returns
     -------
@@ -42,16 +39,15 @@ def uniform(
     if stamps.size < 8:
         raise IdentificationError(f'{stamps.size} usable samples, expected at least 8')
     step = float(np.median(np.diff(stamps)))
-    period = step if rate_hz is None else NANOSECONDS / rate_hz
-    count = int((stamps[-1] - stamps[0]) / period) + 1
+    count = int((stamps[-1] - stamps[0]) / step) + 1
     # Relative to the first stamp: nanoseconds of a wall clock do not fit a float64.
-    grid = np.arange(count) * period
+    grid = np.arange(count) * step
     times = (stamps - stamps[0]).astype(np.float64)
     gaps = np.diff(times)
     missing = float(gaps[gaps > 2.5 * step].sum()) / max(times[-1], 1.0)
-    if missing > most_missing:
+    if missing > MOST_MISSING:
         raise IdentificationError(
-            f'{missing:.0%} of the record lies in gaps, expected at most {most_missing:.0%}'
+            f'{missing:.0%} of the record lies in gaps, expected at most {MOST_MISSING:.0%}'
         )
     return stamps[0] + np.rint(grid).astype(np.int64), np.interp(grid, times, values)
 

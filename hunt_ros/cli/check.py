@@ -27,7 +27,7 @@ from hunt_ros.estimation.textbook import compared_amplitudes, unmoved
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.identification.record.stops import without_stops
 from hunt_ros.rig import UNSTOPPED, Rig
-from hunt_ros.samples import CHANNELS, Record, Series, known
+from hunt_ros.samples import CHANNELS, Record, Series, as_json
 from hunt_ros.sensors import DISPLACEMENTS, lacking
 
 EXAMPLE = 'hunt check bags/kick_decays --rig config/rig.yaml'
@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
         'source': str(arguments.bag) if arguments.bag else f'/{arguments.namespace or "rig"}',
         'rig_name': rig.rig_name,
         'failed': failed,
-        'checks': [one.to_json() | {'value': known(one.value)} for one in findings],
+        'checks': as_json(findings),
     }
     tell(arguments.json, lambda: document, lambda: _lines(findings))
     return 1 if failed else 0

@@ -27,8 +27,10 @@ from hunt_ros.errors import ConfigError
 
 Array = NDArray[np.float64]
 
-#: Collocation points on half a period: odd harmonics 1 to 15.
+#: Collocation points on half a period, even: odd harmonics 1 to 15.
 POINTS = 16
+#: Arclength step, in units in which the flange clearance and a quarter of v_c are one.
+STEP = 0.02
 #: Runge-Kutta steps on half a period for the variational equation.
 _FLOQUET_STEPS = 128
 _TOLERANCE = 1e-11
@@ -45,10 +47,10 @@ class Collocation:
     largest amplitude, so that one step length serves all.
     """
 
-    def __init__(self, rig: RigParameters, hopf: float, largest: float, points: int) -> None:
-        if points < 4 or points % 2:
-            raise ConfigError(f'collocation needs an even number of points, got {points}')
-        self.rig, self.hopf, self.largest, self.points = rig, hopf, largest, points
+    def __init__(self, rig: RigParameters, hopf: float) -> None:
+        points = self.points = POINTS
+        self.rig, self.hopf = rig, hopf
+        self.largest = rig.flange_clearance_m / rig.length_scale
         self.wheelset = Wheelset(rig)
         phase = np.pi * np.arange(points) / points
         orders = np.arange(-points + 1, points, 2)  # odd, points of them
@@ -211,30 +213,9 @@ class Branch:
         return min(below, default=None)
 
 
-def limit_cycles(
-    rig: RigParameters,
-    largest_amplitude: float | None = None,
-    step: float = 0.02,
-    points: int = POINTS,
-) -> Branch:
+def limit_cycles(rig: RigParameters) -> Branch:
     """
-    Follow the branch of limit cycles that is born at the Hopf point.
-
-    Parameters
-    ----------
-    rig : RigParameters
-        The rig.
-    largest_amplitude : float, optional
-        Peak of y, m, at which it ends; default: the flange clearance.
-    step : float
-        Arclength step, in units in which the largest amplitude and a quarter of
-        v_c are one.
-    points : int
-        Collocation points on half a period, even.
-
-    Returns
-    -------
-    Branch
+    Follow the branch of limit cycles that is born at the Hopf point, to the flange clearance.
 
     Raises
     ------
@@ -248,9 +229,8 @@ def limit_cycles(
     Nonlinear Dynamics (1995), chapter 3 (Floquet).
     """
     hopf = critical_speed(rig)
-    roof = largest_amplitude or rig.flange_clearance_m
-    system = Collocation(rig, hopf, roof / rig.length_scale, points)
-    solutions = _follow(system, step, (_SLOWEST * hopf, _FASTEST * hopf))
+    system = Collocation(rig, hopf)
+    solutions = _follow(system)
     if len(solutions) < 2:
         raise ConfigError(f'{rig.name}: no limit cycles found from the Hopf point at {hopf:g} m/s')
     return _branch_of(system, np.array(solutions))
@@ -280,16 +260,16 @@ def _branch_of(system: Collocation, x: Array) -> Branch:
     )
 
 
-def _follow(system: Collocation, step: float, speeds: tuple[float, float]) -> list[Array]:
+def _follow(system: Collocation) -> list[Array]:
     """Pseudo-arclength continuation until a bound is crossed; the Hopf point is left out."""
     point, tangent = system.start()
     solutions: list[Array] = []
-    length, largest = 0.2 * step, step
+    length = 0.2 * STEP
     for _ in range(4000):
         corrected = _correct(system, point + length * tangent, tangent)
         if corrected is None:
             length *= 0.5
-            if length < 1e-5 * step:
+            if length < 1e-5 * STEP:
                 break
             continue
         new, iterations = corrected
@@ -299,8 +279,8 @@ def _follow(system: Collocation, step: float, speeds: tuple[float, float]) -> li
         point, tangent = new, direction / np.linalg.norm(direction)
         solutions.append(point)
         if iterations <= 4:
-            length = min(1.5 * length, largest)
+            length = min(1.5 * length, STEP)
         peak = np.abs(point[: system.points]).max()
-        if peak > 1.0 or not speeds[0] <= float(system.speed(point)) <= speeds[1]:
+        if peak > 1.0 or not _SLOWEST <= float(system.speed(point)) / system.hopf <= _FASTEST:
             break
     return solutions

@@ -1,4 +1,4 @@
-"""The paper's normal form of a growth law, and the law of a form: their units and coefficients."""
+"""The paper's normal form of a growth law: its units and its coefficients."""
 
 from __future__ import annotations
 
@@ -117,11 +117,3 @@ def to_normal_form(p: Array, scales: GrowthScales) -> NormalForm | None:
         time_scale=scales.time_scale,
         frequency_hz=scales.frequency_hz,
     )
-
-
-def from_normal_form(form: NormalForm, scales: GrowthScales) -> Array:
-    """Coefficients of the paper's form, shape (6,); the inverse of `to_normal_form`."""
-    ratio = (scales.amplitude / (2.0 * form.length_scale)) ** 2
-    about = [0.0, form.D1, form.D7, form.D4 * ratio, form.D10 * ratio, form.D15 * ratio**2]
-    there = reading(0.0, math.log(scales.speed / form.critical_speed)) @ lawful(about)
-    return np.asarray(there[:PAPER_TERMS] / form.time_scale)

@@ -84,14 +84,12 @@ def _usable(states: Sequence[SteadyState]) -> list[SteadyState]:
 def _hysteresis_pairs(states: Sequence[SteadyState]) -> list[tuple[SteadyState, SteadyState]]:
     """Pairs at one speed of which the one on the way down hunts, by speed."""
     pairs = []
-    for low in states:
-        if low.direction != 'up':
-            continue
+    ups, downs = ([one for one in states if one.direction == way] for way in ('up', 'down'))
+    for low in ups:
         partners = [
             high
-            for high in states
-            if high.direction == 'down'
-            and abs(high.speed - low.speed) <= _SAME_SPEED
+            for high in downs
+            if abs(high.speed - low.speed) <= _SAME_SPEED
             and high.amplitude > _HYSTERESIS_RATIO * low.amplitude
         ]
         if partners:

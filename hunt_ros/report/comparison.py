@@ -12,7 +12,7 @@ import numpy as np
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS
 from hunt_ros.report.figures.diagram import MODEL_COLOURS, Curve, bifurcation_diagram, form_curve
-from hunt_ros.report.numbers import rounded, shown
+from hunt_ros.report.numbers import shown
 from hunt_ros.report.tables import SYMBOLS, table
 from hunt_ros.samples import Uncertain, Unknown
 
@@ -97,7 +97,5 @@ def _difference(first: Uncertain | Unknown, second: Uncertain | Unknown) -> list
     if isinstance(first, Unknown) or isinstance(second, Unknown):
         return ['', '']
     std = math.hypot(first.std, second.std)
-    change = second.value - first.value
-    if not (math.isfinite(std) and std > 0.0):
-        return [rounded(change)[0], '']
-    return [rounded(change, std)[0], rounded(change / std, digits=2)[0]]
+    change = Uncertain(second.value - first.value, std)
+    return [shown(change), shown(change.value / std, digits=2) if 0.0 < std < math.inf else '']

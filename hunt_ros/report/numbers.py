@@ -31,48 +31,30 @@ def shown(number: Uncertain | Unknown | float | None, scale: float = 1.0, digits
     value = number.value if isinstance(number, Uncertain) else number
     if value is None or not math.isfinite(value):
         return '<span class="unknown">not known</span>'
+    one = number if isinstance(number, Uncertain) else value
+    text = str(one) if isinstance(one, int) else rounded(one, scale, digits)[0]
     beside = ''
-    if isinstance(number, Uncertain):
-        text, _ = _of(number, scale)
-        if not math.isfinite(number.std):
-            beside = ' <span class="unknown">(uncertainty not known)</span>'
-    else:
-        text = str(value) if isinstance(value, int) else rounded(scale * value, digits=digits)[0]
+    if isinstance(one, Uncertain) and not math.isfinite(one.std):
+        beside = ' <span class="unknown">(uncertainty not known)</span>'
     return f'<data value="{float(value)!r}">{text}</data>{beside}'
 
 
 def interval(number: Uncertain | Unknown, scale: float = 1.0) -> str:
     """Return the 95 % interval of a number as HTML, or 'not known'; why stands at the value."""
-    text = '' if isinstance(number, Unknown) else _of(number, scale)[1]
+    text = '' if isinstance(number, Unknown) else rounded(number, scale)[1]
     return text or '<span class="unknown">not known</span>'
 
 
-def _of(number: Uncertain, scale: float) -> tuple[str, str]:
-    ends = (scale * number.low, scale * number.high)
-    return rounded(
-        scale * number.value,
-        scale * number.std if math.isfinite(number.std) else None,
-        ends if math.isfinite(sum(ends)) else None,
-    )
-
-
-def rounded(
-    value: float,
-    std: float | None = None,
-    interval: tuple[float, float] | None = None,
-    digits: int = 4,
-) -> tuple[str, str]:
+def rounded(number: Uncertain | float, scale: float = 1.0, digits: int = 4) -> tuple[str, str]:
     """
-    Round a value to two significant digits of its uncertainty.
+    Round a number to two significant digits of its uncertainty.
 
     Parameters
     ----------
-    value : float
-        The estimate.
-    std : float, optional
-        Its standard deviation; None or 0 where there is none.
-    interval : (float, float), optional
-        Its 95 % interval, printed to the same place.
+    number : Uncertain or float
+        Its value is finite.
+    scale : float
+        Of the unit printed.
     digits : int
         Significant digits of the value where there is no uncertainty.
 
@@ -80,32 +62,28 @@ def rounded(
     -------
     str, str
         As HTML: '8.013 ± 0.042' or, where a deviation would mislead, '0.070, −0.260 … 0.390';
-        and the interval, '7.931 … 8.095', '' without one.
-
-    Raises
-    ------
-    ValueError
-        If one of the numbers is not finite (what is not known has no digits).
+        and the 95 % interval, '7.931 … 8.095', '' without one.
     """
-    numbers = [value, *([] if std is None else [std]), *(interval or ())]
-    if not all(math.isfinite(x) for x in numbers):
-        raise ValueError(f'only finite numbers have digits, got {numbers}')
-    std = None if std is None or std <= 0.0 else std
-    texts, exponent = decimal_digits([value, *(interval or ()), std or 0.0], std, digits)
+    known = number if isinstance(number, Uncertain) else Uncertain(number, 0.0, math.inf)
+    value, std = scale * known.value, scale * known.std
+    low, high = scale * known.low, scale * known.high
+    interval = [low, high] if math.isfinite(low + high) else []
+    std = std if 0.0 < std < math.inf else 0.0
+    texts, exponent = decimal_digits([value, *interval, std], std, digits)
     text, *ends, deviation = (each.replace('-', '−') for each in texts)
     range_ = ' … '.join(ends)
-    if std is not None and interval is not None and _skewed(value, std, interval):
+    if std and interval and _skewed(value, std, low, high):
         text = f'{text}, {range_}'
-    elif std is not None:
+    elif std:
         text = f'{text} ± {deviation}'
     if exponent:
         power = f' × 10<sup>{str(exponent).replace("-", "−")}</sup>'
-        text = f'({text}){power}' if std is not None else f'{text}{power}'
+        text = f'({text}){power}' if std else f'{text}{power}'
         range_ = f'({range_}){power}' if range_ else ''
     return text, range_
 
 
-def _skewed(value: float, std: float, interval: tuple[float, float]) -> bool:
+def _skewed(value: float, std: float, low: float, high: float) -> bool:
     """Whether a 95 % interval is far from value -/+ 1.96 std: longer, or much to one side."""
-    short, long = sorted((value - interval[0], interval[1] - value))
+    short, long = sorted((value - low, high - value))
     return long > _LONGER * NORMAL_95 * std or long > _ONE_SIDED * short

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.analysis.phase_portrait import PhasePortrait, phase_portrait
 from hunt_ros.analysis.poincare import PoincareSection, own_section, poincare_section
-from hunt_ros.analysis.spectrum import Spectrum, power_spectrum
+from hunt_ros.analysis.spectrum import Spectrum, power_spectrum, roughness_frequency
 from hunt_ros.analysis.uniform import on_stamps, uniform
 from hunt_ros.errors import IdentificationError
 from hunt_ros.samples import NANOSECONDS, Record
@@ -114,18 +114,19 @@ def response_of(record: Record, speed: float, diameter: float | None = None) -> 
         return Response(speed, nothing, nothing, None, None, None, unknown)
     stamps, lateral = even
     rate = NANOSECONDS / float(np.median(np.diff(stamps)))
+    seconds: NDArray[np.float64] = (stamps - stamps[0]) / NANOSECONDS
     angle = on_stamps(record['roller'], stamps) if 'roller' in record else None
     if angle is not None and not np.isfinite(angle).all():
         angle = None
-    seconds: NDArray[np.float64] = (stamps - stamps[0]) / NANOSECONDS
+    if angle is None and diameter is not None:
+        angle = 2.0 * math.pi * roughness_frequency(speed, diameter) * seconds
     # Without a roller no line is its roughness, and there is no revolution to cut at.
-    turning = speed if angle is not None or diameter is not None else math.nan
-    across = _roller_diameter(seconds, angle, speed) if diameter is None else diameter
+    turns = 0.0 if angle is None else abs(float(angle[-1] - angle[0])) / (2.0 * math.pi)
 
     def section() -> PoincareSection:
         """Cut at the revolutions of the roller, without these at those of the motion itself."""
-        if math.isfinite(turning):
-            return poincare_section(lateral, rate, angle, turning, across)
+        if angle is not None:
+            return poincare_section(lateral, rate, angle)
         yaw = on_stamps(record['yaw'], stamps) if 'yaw' in record else None
         known = yaw is not None and bool(np.isfinite(yaw).all()) and float(np.ptp(yaw)) > 0.0
         return own_section(lateral, rate, yaw if known else None)
@@ -134,18 +135,8 @@ def response_of(record: Record, speed: float, diameter: float | None = None) -> 
         speed,
         seconds,
         lateral - lateral.mean(),
-        tried('power spectrum', lambda: power_spectrum(lateral, rate, turning, across)),
+        tried('power spectrum', lambda: power_spectrum(lateral, rate, turns / float(seconds[-1]))),
         tried('phase portrait', lambda: phase_portrait(lateral, rate)),
         tried('section', section),
         unknown,
     )
-
-
-def _roller_diameter(
-    seconds: NDArray[np.float64], angle: NDArray[np.float64] | None, speed: float
-) -> float:
-    """Diameter of the roller, m: its circumference runs at the speed; 0.3 m if it stands."""
-    if angle is None:
-        return 0.3
-    rate = abs(float(angle[-1] - angle[0])) / float(seconds[-1])
-    return 2.0 * speed / rate if rate > 0.0 and speed > 0.0 else 0.3

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made import LAW, SCALES
+from made import LAW, SCALES, from_normal_form
 
 from hunt_ros.dynamics.growth_law import FELT, QUINTIC, GrowthLaw, lawful, reading
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM, NormalForm
-from hunt_ros.dynamics.paper_form import from_normal_form, normal_form_of, to_normal_form
+from hunt_ros.dynamics.paper_form import normal_form_of, to_normal_form
 
 PAPER = LAW.p
 

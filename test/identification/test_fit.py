@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from foreign_made import RECORDINGS, RIGS
+from made import from_normal_form
 from records_made import staircase
 
 from hunt_ros.dynamics.growth_law import SATURATION, TERMS, GrowthScales, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
-from hunt_ros.dynamics.paper_form import from_normal_form
 from hunt_ros.identification import IdentificationSettings, identify
 from hunt_ros.identification.fit import fit_law, law_prior
 from hunt_ros.identification.identifying import _distinct, _path

@@ -88,7 +88,7 @@ def simulate(
     wanted_s = points.duration_s if duration_s is None else duration_s
     if not wanted_s > 0.0 or (duration_s is not None and math.isinf(duration_s)):
         raise ConfigError(f'duration must be positive, got {wanted_s} s')
-    stream = RollerRig(rig, replace(settings, initial_speed=points.begin_mps), seed)
+    stream = RollerRig(rig, replace(settings, initial_speed=float(points.begin_mps)), seed)
     total = sys.maxsize if math.isinf(wanted_s) else math.floor(wanted_s * rate) + 1
     due = sorted(
         ((max(0, math.ceil(kick.time_s * rate - 1e-9)), kick) for kick in kicks),

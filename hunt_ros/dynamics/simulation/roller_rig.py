@@ -59,8 +59,8 @@ class SimulatedBlock:
         Readings, m and rad.
     speed, roller_angle : ndarray
         Measured speed, m/s, and continuous roller angle, rad.
-    true_lateral, true_yaw : ndarray
-        What the sensors were looking at.
+    true_lateral : ndarray
+        What the lateral sensor was looking at.
     """
 
     stamps_ns: NDArray[np.int64]
@@ -69,7 +69,6 @@ class SimulatedBlock:
     speed: Array
     roller_angle: Array
     true_lateral: Array
-    true_yaw: Array
 
     def __len__(self) -> int:
         return int(self.stamps_ns.size)
@@ -207,7 +206,6 @@ class RollerRig:
             drive.speed_gain * speed + drive.speed_noise * noise[:, 2],
             angle,
             lateral,
-            yaw,
         )
 
     @property

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from hunt_ros.settings import checked
+from hunt_ros.settings import Settings, checked, setting
 
 
 @dataclass(frozen=True)
@@ -49,97 +49,39 @@ class Roughness:
 
 
 @dataclass(frozen=True)
-class SensorModel:
-    """
-    A sensor: its noise, then its resolution.
+class SensorModel(Settings):
+    """A sensor: its noise, then its resolution; both in m or rad."""
 
-    Parameters
-    ----------
-    noise : float
-        Standard deviation of the white noise of a sample, m or rad.
-    resolution : float
-        Step of the converter, m or rad; 0: none.
-
-    Raises
-    ------
-    ConfigError
-        Naming the value that is impossible.
-    """
-
-    noise: float = 0.0
-    resolution: float = 0.0
-
-    def __post_init__(self) -> None:
-        checked('sensor: noise', self.noise, 'not be negative')
-        checked('sensor: resolution', self.resolution, 'not be negative')
+    noise: float = setting(0.0, 'deviation of the white noise of a sample', low=0.0, high=1e3)
+    resolution: float = setting(0.0, 'step of the converter (0: none)', low=0.0, high=1e3)
 
 
 @dataclass(frozen=True)
-class DriveModel:
-    """
-    The motor: the speed follows its set point with a lag and a limited acceleration.
+class DriveModel(Settings):
+    """The motor: the speed follows its set point with a lag and a limited acceleration."""
 
-    Parameters
-    ----------
-    time_constant_s : float
-        Of the first-order lag; 0: none.
-    acceleration_limit : float
-        m/s^2, both ways.
-    speed_gain : float
-        Measured over true speed (an encoder diameter taken wrong).
-    speed_noise : float
-        Standard deviation of a measured speed, m/s.
-    """
-
-    time_constant_s: float = 0.3
-    acceleration_limit: float = 1.0
-    speed_gain: float = 1.0
-    speed_noise: float = 0.0
-
-    def __post_init__(self) -> None:
-        checked('drive: time_constant_s', self.time_constant_s, 'not be negative')
-        checked('drive: acceleration_limit', self.acceleration_limit, 'be positive')
-        checked('drive: speed_gain', self.speed_gain, 'be positive')
-        checked('drive: speed_noise', self.speed_noise, 'not be negative')
+    time_constant_s: float = setting(0.3, 'of the lag (0: none)', unit='s', low=0.0, high=1e6)
+    acceleration_limit: float = setting(1.0, 'both ways', unit='m/s2', low=1e-6, high=1e6)
+    speed_gain: float = setting(1.0, 'measured over true speed', low=1e-3, high=1e3)
+    speed_noise: float = setting(0.0, 'of a measured speed', unit='m/s', low=0.0, high=1e3)
 
 
 @dataclass(frozen=True)
-class SimulationSettings:
+class SimulationSettings(Settings):
     """
     How the rig is run and measured.
 
-    Parameters
-    ----------
-    sample_rate_hz : float
-        Of both sensors.
-    initial_speed : float
-        m/s; 0: the roller stands still.
-    roughness : Roughness
-    broadband : float
-        Strength wn of the white yaw forcing in the dimensionless equation (3):
-        dpsi' gets wn dW, with W a Wiener process in t*.
-    lateral_sensor, yaw_sensor : SensorModel
-    drive : DriveModel
-    drive_rate_hz : float
-        Rate of speed and roller angle in a `Record`.
-
-    Raises
-    ------
-    ConfigError
-        Naming the value that is impossible.
+    `broadband` is the strength wn of the white yaw forcing in the dimensionless equation (3):
+    dpsi' gets wn dW, with W a Wiener process in t*.
     """
 
-    sample_rate_hz: float = 500.0
-    initial_speed: float = 6.0
+    sample_rate_hz: float = setting(500.0, 'of both sensors', unit='Hz', low=1e-3, high=1e9)
+    initial_speed: float = setting(6.0, 'where it starts', unit='m/s', low=0.0, high=1e3)
     roughness: Roughness = field(default_factory=Roughness)
-    broadband: float = 0.0
+    broadband: float = setting(0.0, 'strength wn of the white yaw forcing', low=0.0, high=1e3)
     lateral_sensor: SensorModel = field(default_factory=SensorModel)
     yaw_sensor: SensorModel = field(default_factory=SensorModel)
     drive: DriveModel = field(default_factory=DriveModel)
-    drive_rate_hz: float = 100.0
-
-    def __post_init__(self) -> None:
-        for name in ('sample_rate_hz', 'drive_rate_hz'):
-            checked(f'simulation: {name}', getattr(self, name), 'be positive')
-        for name in ('initial_speed', 'broadband'):
-            checked(f'simulation: {name}', getattr(self, name), 'not be negative')
+    drive_rate_hz: float = setting(
+        100.0, 'of speed and roller angle in a record', unit='Hz', low=1e-3, high=1e9
+    )

@@ -11,11 +11,8 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from hunt_ros.report.figures import style
 from hunt_ros.report.figures.diagram import (
-    bands_of_branches,
     bands_of_draws,
     bifurcation_diagram,
     draw_states,
@@ -77,8 +74,7 @@ def hysteresis_loop(
                 ha='center',
                 color=style.INK,
             )
-        if axes.get_legend_handles_labels()[0]:
-            style.legend_above(axes, columns=2)
+        style.legend_above(axes, columns=2)
         return figure
 
 
@@ -108,19 +104,8 @@ def identified_diagram(one: Identification) -> Figure:
     first = v_n if v_n is not None else v_c
     low = min([*speeds, first - 0.05 * v_c]) - 0.01 * v_c
     high = max([*speeds, v_c + 0.05 * v_c]) + 0.01 * v_c
-    shaded = bands_of_branches(one.branches) or bands_of_draws(one.normal_form, low, high)
-    highest = max(
-        [state.amplitude for state in states]
-        + [float(np.nanmax(form.stable_amplitude(np.linspace(v_c, high))))]
-    )
-    figure = bifurcation_diagram(
-        [form_curve(form, low, high, bands=shaded)],
-        low,
-        high,
-        {'': states},
-        highest=1.15 * highest if math.isfinite(highest) else None,
-        columns=5,
-    )
+    curve = form_curve(form, low, high, bands=bands_of_draws(one.normal_form, low, high))
+    figure = bifurcation_diagram([curve], low, high, {'': states}, columns=5)
     with style.journal_style():
         _seen_without_model(figure.axes[0], one)
         for name, speed in (('v_n', one.v_n), ('v_c', one.v_c)):

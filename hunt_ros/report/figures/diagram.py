@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from hunt_ros.analysis.steady_state import SteadyState
-    from hunt_ros.identification.posterior import BranchPoint
 
 Array = NDArray[np.float64]
 #: 'stable', 'unstable' -> speed (m/s), lower and upper edge (m), each shape (n,).
@@ -35,7 +34,7 @@ MODEL_COLOURS = tuple(
 )
 #: Points of a branch over the speeds of a figure.
 _POINTS = 801
-#: Draws from the covariance behind a band, where the branches have no intervals.
+#: Draws behind a band.
 _DRAWS = 400
 #: A band is drawn where at least this share of the draws has the branch.
 _MOST = 0.8
@@ -127,7 +126,7 @@ def bands_of_draws(
     identified: IdentifiedNormalForm, low: float, high: float, seed: int = 0
 ) -> Bands:
     """
-    Take the bands of the branches from draws of the covariance: 2.5 % to 97.5 %.
+    Take the bands of the branches from the forms that are as likely: 2.5 % to 97.5 % of them.
 
     Parameters
     ----------
@@ -154,21 +153,6 @@ def bands_of_draws(
         if often.sum() >= 2:
             lower, upper = np.nanpercentile(amplitudes[:, often], [2.5, 97.5], axis=0)
             bands[name] = (speed[often], lower, upper)
-    return bands
-
-
-def bands_of_branches(branches: Sequence[BranchPoint]) -> Bands:
-    """Take the bands from the intervals of branches; one with a single interval is left out."""
-    bands = {}
-    for name in ('stable', 'unstable'):
-        rows = [
-            (point.speed, one.low, one.high)
-            for point in branches
-            if (one := getattr(point, name)) is not None and np.isfinite(one.low + one.high)
-        ]
-        if len(rows) >= 2:
-            speed, lower, upper = np.array(rows).T
-            bands[name] = (speed, np.maximum(lower, 0.0), upper)
     return bands
 
 
@@ -285,7 +269,9 @@ def bifurcation_diagram(
             values = [np.array([0.0, *amplitudes])]
             for curve in curves:
                 inside = (curve.speed >= low) & (curve.speed <= high)
-                values += [curve.stable[inside], curve.unstable[inside]]
+                # What is unstable lies below what is stable, or runs away.
+                known = np.isfinite(curve.stable[inside]).any()
+                values.append((curve.stable if known else curve.unstable)[inside])
             highest = 1.12 * float(np.nanmax(np.concatenate(values)))
         top = style.MILLIMETRES * highest or 1.0
         axes.set_xlim(low, high)

@@ -95,5 +95,4 @@ def _mark_events(axes: Axes, events: Sequence[Event], start_ns: int) -> None:
                 clip_on=False,
                 label=kind.replace('_', ' '),
             )
-    if axes.get_legend_handles_labels()[0]:
-        style.legend_above(axes, columns=5)
+    style.legend_above(axes, columns=5)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from hunt_ros.analysis.phase_portrait import PhasePortrait
+    from hunt_ros.analysis.poincare import PoincareSection
+    from hunt_ros.analysis.spectrum import Spectrum
+
+_Kind = TypeVar('_Kind')
 
 #: Length of the time history, s.
 _SHOWN_S = 4.0
@@ -45,32 +50,38 @@ def response_panels(response: Response, letter: str = '') -> Figure:
         axes = figure.subplot_mosaic('hhh;spm')
         head = f'({letter}) ' if letter else ''
         axes['h'].set_title(f'{head}{response.speed:.2f} m/s')
-        _history(axes['h'], response)
-        _spectrum(axes['s'], response)
-        _portrait(axes['p'], response)
-        _section(axes['m'], response)
+        history = response if response.time.size else None
+        plane = r'$y$ (mm)', r'$\dot{y}$ (mm/s)'
+        _panel(axes['h'], 'Time (s)', r'$y$ (mm)', history, _history)
+        _panel(axes['s'], 'Frequency (Hz)', r'PSD (mm$^2$/Hz)', response.spectrum, _spectrum)
+        _panel(axes['p'], *plane, response.portrait, _portrait)
+        _panel(axes['m'], *plane, response.section, _section)
+        if response.section and response.portrait:
+            # On the scale of the whole orbit, or a point would look like a cloud.
+            _centred(axes['m'], _points(response.portrait))
         return figure
 
 
-def _section(axes: Axes, response: Response) -> None:
-    """Plot a Poincare section."""
-    style.frame(axes, r'$y$ (mm)', r'$\dot{y}$ (mm/s)')
-    if response.section is None:
-        _nothing(axes)
+def _panel(
+    axes: Axes, xlabel: str, ylabel: str, what: _Kind | None, draw: Callable[[Axes, _Kind], None]
+) -> None:
+    """Draw what a panel shows, or that it is not known."""
+    style.frame(axes, xlabel, ylabel)
+    if what is not None:
+        draw(axes, what)
         return
-    points = style.MILLIMETRES * np.column_stack(
-        [response.section.displacement, response.section.velocity]
-    )
+    axes.text(0.5, 0.5, 'not known', transform=axes.transAxes, ha='center', va='center')
+    axes.set_xticks([])
+    axes.set_yticks([])
+
+
+def _section(axes: Axes, section: PoincareSection) -> None:
+    points = _points(section)
     axes.plot(points[:, 0], points[:, 1], '.', color=style.STABLE, markersize=2.5)
-    # On the scale of the whole orbit, or a point would look like a cloud.
-    _centred(axes, points if response.portrait is None else _orbit(response.portrait))
+    _centred(axes, points)
 
 
 def _history(axes: Axes, response: Response) -> None:
-    style.frame(axes, 'Time (s)', r'$y$ (mm)')
-    if not response.time.size:
-        _nothing(axes)
-        return
     start = max(float(response.time[-1]) - _SHOWN_S, 0.0)
     shown = response.time >= start
     axes.plot(
@@ -82,13 +93,8 @@ def _history(axes: Axes, response: Response) -> None:
     axes.set_xlim(0.0, min(_SHOWN_S, float(response.time[-1])))
 
 
-def _spectrum(axes: Axes, response: Response) -> None:
+def _spectrum(axes: Axes, spectrum: Spectrum) -> None:
     """Draw the spectrum, with its named lines."""
-    style.frame(axes, 'Frequency (Hz)', r'PSD (mm$^2$/Hz)')
-    spectrum = response.spectrum
-    if spectrum is None:
-        _nothing(axes)
-        return
     inside = (spectrum.frequency_hz > 0.0) & (spectrum.frequency_hz <= _TOP_HZ)
     inside &= spectrum.density > 0.0
     power = style.MILLIMETRES**2 * spectrum.density[inside]
@@ -106,20 +112,15 @@ def _spectrum(axes: Axes, response: Response) -> None:
         style.upright(axes, line.frequency_hz, name, colour, look, xytext=(1.5, 0), fontsize=6.5)
 
 
-def _portrait(axes: Axes, response: Response) -> None:
-    style.frame(axes, r'$y$ (mm)', r'$\dot{y}$ (mm/s)')
-    portrait = response.portrait
-    if portrait is None:
-        _nothing(axes)
-        return
-    points = _orbit(portrait)[-_PORTRAIT_POINTS:]
+def _portrait(axes: Axes, portrait: PhasePortrait) -> None:
+    points = _points(portrait)[-_PORTRAIT_POINTS:]
     axes.plot(points[:, 0], points[:, 1], color=style.INK, linewidth=0.35)
     _centred(axes, points)
 
 
-def _orbit(portrait: PhasePortrait) -> NDArray[np.float64]:
+def _points(orbit: PhasePortrait | PoincareSection) -> NDArray[np.float64]:
     """Displacement and velocity in mm and mm/s, shape (n, 2)."""
-    return style.MILLIMETRES * np.column_stack([portrait.displacement, portrait.velocity])
+    return style.MILLIMETRES * np.column_stack([orbit.displacement, orbit.velocity])
 
 
 def _centred(axes: Axes, points: NDArray[np.float64]) -> None:
@@ -129,9 +130,3 @@ def _centred(axes: Axes, points: NDArray[np.float64]) -> None:
     axes.set_ylim(-y, y)
     end = float(f'{0.7 * x:.1g}')
     axes.set_xticks([-end, end])  # the numbers of three would touch in a narrow panel
-
-
-def _nothing(axes: Axes) -> None:
-    axes.text(0.5, 0.5, 'not known', transform=axes.transAxes, ha='center', va='center')
-    axes.set_xticks([])
-    axes.set_yticks([])

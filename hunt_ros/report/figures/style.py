@@ -110,7 +110,7 @@ def journal_style() -> Iterator[None]:
 
 def new_figure(width: float = COLUMN, height: float = 0.72 * COLUMN) -> Figure:
     """
-    Make an empty figure in the look of the report.
+    Make an empty figure, inside a block of `journal_style`.
 
     Parameters
     ----------
@@ -119,8 +119,7 @@ def new_figure(width: float = COLUMN, height: float = 0.72 * COLUMN) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    with journal_style():
-        return Figure(figsize=(width, height))
+    return Figure(figsize=(width, height))
 
 
 def frame(axes: Axes, xlabel: str, ylabel: str) -> None:
@@ -131,14 +130,15 @@ def frame(axes: Axes, xlabel: str, ylabel: str) -> None:
 
 
 def legend_above(axes: Axes, columns: int = 2) -> None:
-    """Put the legend above the axes, where no rig's data can lie under it."""
-    axes.legend(
-        loc='lower left',
-        bbox_to_anchor=(0.0, 1.0),
-        ncol=columns,
-        borderaxespad=0.2,
-        columnspacing=1.2,
-    )
+    """Put a legend above the axes, where no rig's data can lie under it; none without a name."""
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(
+            loc='lower left',
+            bbox_to_anchor=(0.0, 1.0),
+            ncol=columns,
+            borderaxespad=0.2,
+            columnspacing=1.2,
+        )
 
 
 def upright(
@@ -244,7 +244,7 @@ def save_figures(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
     Raises
     ------
     HuntError
-        If the folder or a file cannot be written.
+        If a file cannot be written.
     """
     made = not folder.exists()
     written: dict[Path, bytes] = {}
@@ -255,8 +255,6 @@ def save_figures(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
         folder.mkdir(parents=True, exist_ok=True)
         for path, raw in written.items():
             write_whole(path, raw, 'figure')
-    except OSError as error:
-        raise HuntError(f'{folder}: cannot write the figures ({error.strerror})') from error
     except HuntError:
         if made:
             shutil.rmtree(folder, ignore_errors=True)

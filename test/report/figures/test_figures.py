@@ -20,12 +20,10 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.limit_cycle import limit_cycles
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import paper_rig
-from hunt_ros.identification.posterior import BranchPoint
 from hunt_ros.report.choice import either_side, four_states
 from hunt_ros.report.figures.bifurcation import hysteresis_loop, identified_diagram
 from hunt_ros.report.figures.diagram import (
     Curve,
-    bands_of_branches,
     bands_of_draws,
     bifurcation_diagram,
     branch_curve,
@@ -37,7 +35,7 @@ from hunt_ros.report.figures.overview import run_overview
 from hunt_ros.report.figures.response_panels import response_panels
 from hunt_ros.report.figures.style import journal_style, new_figure, svg
 from hunt_ros.report.response import response_of
-from hunt_ros.samples import Record, Series, Uncertain
+from hunt_ros.samples import Record, Series
 
 SUPERCRITICAL = replace(PAPER_NORMAL_FORM, D4=-2030.0)
 
@@ -151,17 +149,6 @@ def test_a_form_taken_as_exact_has_no_band() -> None:
     assert bands_of_draws(IdentifiedNormalForm(PAPER_NORMAL_FORM), 6.0, 9.0) == {}
 
 
-def test_the_bands_are_the_intervals_of_the_branches() -> None:
-    points = [
-        BranchPoint(7.0, Uncertain(5.5e-4, 3e-5, 5e-4, 6e-4), None),
-        BranchPoint(7.5, Uncertain(6e-4, 1e-3, -1e-5, 7e-4), Uncertain(1e-4, 1e-5)),
-    ]
-    bands = bands_of_branches(points)
-    assert set(bands) == {'stable'}
-    np.testing.assert_array_equal(bands['stable'][1], [5e-4, 0.0])  # no amplitude below zero
-    np.testing.assert_array_equal(bands['stable'][2], [6e-4, 7e-4])
-
-
 # --- the figures ----------------------------------------------------------------------
 
 
@@ -246,6 +233,20 @@ def test_a_stretch_that_cannot_be_analysed_says_so_panel_by_panel() -> None:
     assert list(response.unknown) == ['time history']
     assert response.kind == 'not known'
     assert words(response_panels(response)).count('not known') == 4
+
+
+@pytest.mark.parametrize(('diameter', 'cut'), [(0.3, 'revolution'), (None, 'hunting')])
+def test_without_an_encoder_a_diameter_tells_the_revolutions(
+    diameter: float | None, cut: str
+) -> None:
+    time = np.arange(6000) / 100.0
+    wave = 1e-3 * np.sin(2 * np.pi * 2.8 * time) + 1e-4 * np.sin(2 * np.pi * 7.64 * time)
+    record = Record({'lateral': Series(np.arange(6000) * 10_000_000, wave)}, 'no encoder')
+    response = response_of(record, 7.2, diameter)
+    assert response.section is not None
+    assert response.section.cut == cut
+    assert response.spectrum is not None
+    assert (response.spectrum.line('roughness') is not None) == (cut == 'revolution')
 
 
 def state(speed: float, direction: str, amplitude: float, **more: Any) -> SteadyState:
