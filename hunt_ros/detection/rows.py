@@ -91,7 +91,7 @@ class RowMaker:
 
     @property
     def boundaries(self) -> tuple[float, float]:
-        """The boundaries of the regions, v_n and v_c, m/s; NaN: there is none, or unknown."""
+        """The boundaries of the regions, v_n (0: unknown) and v_c, m/s; NaN: there is none."""
         identified = self._identified
         if identified is None:
             config = self.config

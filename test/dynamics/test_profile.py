@@ -192,8 +192,8 @@ def test_a_climb_needs_a_detector_that_judges_and_tells_its_highest_speed() -> N
     assert 'a detector has to clear' in profile.missing(Motion(amplitude_m=1e-5))
     assert not profile.missing(Motion(held_s=0.0))
     assert not profile.missing(Motion(held_s=0.0, v_n=6.1, v_c=8.0))
-    assert 'dies out below v_n, 5.90' in profile.missing(Motion(held_s=0.0, v_n=5.9, v_c=8.0))
-    assert 'dies out below v_c, 5.80' in profile.missing(Motion(held_s=0.0, v_c=5.8))
+    assert 'not die out above v_n, 5.90' in profile.missing(Motion(held_s=0.0, v_n=5.9, v_c=8.0))
+    assert 'not die out above v_c, 5.80' in profile.missing(Motion(held_s=0.0, v_c=5.8))
     with pytest.raises(ConfigError, match=r'9.1 m/s is above'):
         profile.check(9.0)
     with pytest.raises(ConfigError, match='a detector has to clear'):

@@ -137,7 +137,7 @@ def status_of(
         'state_since_s': seconds_text(int(row['state_since_ns'])),
         'state_decided_s': seconds_text(transitions.decided_ns),
         'normal_form': basis.normal_form,
-        'v_n_mps': basis.v_n,
+        'v_n_mps': basis.v_n if basis.v_n > 0.0 else math.nan,  # no number where it is unknown
         'v_c_mps': basis.v_c,
         'fold_amplitude_m': basis.fold_amplitude,
         'absent': '; '.join(absent),

@@ -230,7 +230,8 @@ class Climb(_Stairs):
         """A detector has to judge the speeds that are held, and what hunts has to die out."""
         name = 'v_c' if math.isnan(motion.v_n) else 'v_n'
         if self.low_mps >= (limit := getattr(motion, name)):
-            return f'low_mps: hunting dies out below {name}, {limit:.2f} m/s, got {self.low_mps:g}'
+            got = f'{limit:.2f} m/s, got {self.low_mps:g}'
+            return f'low_mps: hunting does not die out above {name}, {got}'
         return _NO_DETECTOR if math.isnan(motion.held_s) else ''
 
     @property

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
@@ -13,6 +15,12 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from hunt_ros.bag.cdr.message_types import standard_types
+from hunt_ros.dashboard.words import Words
+from hunt_ros.detection import DetectorConfig, HuntingDetector
+from hunt_ros.drivers.interlock import Interlock, InterlockSettings
+from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.dynamics.profile import Climb, Seesaw
 from hunt_ros.nodes.support import conversions
 from hunt_ros.nodes.support.conversions import (
     ChannelReader,
@@ -103,6 +111,27 @@ def test_a_diagnostic_keeps_every_digit() -> None:
     assert (texts['level'], texts['message']) == ('WARN', 'why')
     assert float(texts['amplitude_m']) == 1 / 3
     assert math.isnan(float(texts['bad']))
+
+
+def test_a_v_n_that_is_not_known_is_not_0() -> None:
+    """Of the laws that are as likely too few have one: no speed is above it, none is below."""
+    paper = IdentifiedNormalForm(PAPER_NORMAL_FORM)
+    sample = np.tile(paper.vector, (64, 1))
+    sample[:26, 5] = 0.0
+    detector = HuntingDetector(DetectorConfig())
+    detector.set_normal_form(replace(paper, covariance=np.diag([1e-4] * 6), sample=sample))
+    values = {**detector.status.values, 'speed_mps': 7.0, 'held_s': 0.0}
+    told = diagnostic(1, 'rig/hunting', 'OK', '', values, 'rig')
+    heard = heard_of(told)
+    assert heard.motion.v_c == 8.0
+    interlock = Interlock(InterlockSettings(safe_speed_mps=5.5))
+    interlock.hear(1, heard)
+    assert interlock.safe_speed_mps() == 5.5
+    assert interlock.unsafe() == ''
+    assert Climb(6.0, 7.0).missing(heard.motion) == ''
+    assert 'no normal form with v_n' in Seesaw(60.0).missing(heard.motion)
+    tiles = {tile['key']: tile['text'] for tile in Words().tiles(read_diagnostic(told), {})}
+    assert (tiles['to_v_n'], tiles['to_v_c']) == ('–', '+1.00')
 
 
 def test_a_number_of_any_length_ends_no_guard() -> None:
