@@ -22,9 +22,12 @@ import zstandard
 from numpy.typing import NDArray
 
 from hunt_ros.errors import BagError
+from hunt_ros.samples import NANOSECONDS
 
 #: No chunk and no message may be larger than this when expanded (bytes).
 LARGEST_CHUNK = 1 << 30
+#: No recording lasts longer, ns: 30 days.
+LONGEST_NS = 30 * 86_400 * NANOSECONDS
 
 
 class Topic(NamedTuple):
@@ -74,6 +77,21 @@ class Block:
 
     data: NDArray[np.uint8]
     places: dict[int, Places]
+
+
+def possible_times(times_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """
+    Return False for times that damage has made: further from the others than a recording lasts.
+
+    They are one of a few, or one in a hundred at most: where there are more a clock was set.
+    """
+    possible = np.ones(times_ns.size, dtype=bool)
+    if times_ns.size and int(times_ns.max()) - int(times_ns.min()) > LONGEST_NS:
+        middle = int(np.median(times_ns))
+        near = (times_ns >= middle - LONGEST_NS) & (times_ns <= middle + LONGEST_NS)
+        if 100 * np.count_nonzero(~near) <= max(100, times_ns.size):
+            possible = near
+    return possible
 
 
 def pack_messages(rows: Sequence[tuple[int, int, bytes]]) -> Block:

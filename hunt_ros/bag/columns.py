@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hunt_ros.bag.blocks import Topic, by_topic
+from hunt_ros.bag.blocks import LONGEST_NS, Topic, by_topic, possible_times
 from hunt_ros.bag.cdr.gather import Gathered, Wanted, gather
 from hunt_ros.bag.cdr.layout import PathError, joint_of, parse_path, stamp_path, usual_field
 from hunt_ros.bag.cdr.message_types import definitions_of
@@ -20,7 +21,15 @@ from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
 from hunt_ros.bag.reader import Bag, opened
 from hunt_ros.bursts import bursts_of, evened
 from hunt_ros.errors import BagError, MessageError
-from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series, counted, different
+from hunt_ros.samples import (
+    CHANNELS,
+    CLOCK_RESET_NS,
+    NANOSECONDS,
+    Record,
+    Series,
+    counted,
+    different,
+)
 from hunt_ros.sensors import JOINT_STATE
 
 #: Which stamp a column has: that in the message's header (log time where it has none
@@ -33,10 +42,10 @@ _FASTEST = 50.0
 _LATE_NS = 3600 * NANOSECONDS
 #: A log time so much before the one before is that of a clock that was set, ns.
 _SET_BACK_NS = NANOSECONDS // 10
-#: No recording lasts longer, ns: 30 days.
-LONGEST_NS = 30 * 86_400 * NANOSECONDS
 #: Spacing of the samples that stand for a constant channel, ns.
 CONSTANT_STEP_NS = NANOSECONDS // 100
+#: Of so many stamps of a channel it is told whether its clock is that of the others.
+_LOOKED_AT = 1000
 #: So many samples of one stamp are no mistake of a sender: nothing can be told of their motion.
 _FEWEST_TIMES = 10
 
@@ -98,23 +107,40 @@ class _Reader:
         }
         if shared:
             found = self._read(shared)
-        columns = {}
+        columns, clocks = {}, {}
         for name, source in self.sources.items():
-            parts = found.pop(name)  # as numbers they need as much room again
+            parts = found.pop(name)
             others = {joint for part in parts for joint in part.others}
+            why = next((part.why for part in parts if part.why), '')
+            field, wanted = joint_of(source.field) or ('position', name)
             empty = sum(part.empty for part in parts)
-            columns[name] = _series(parts, self.stamps, source)
-            if others and not len(columns[name]):
-                field, wanted = joint_of(source.field) or ('position', name)
-                what = f'there is no joint {wanted!r}, it has {", ".join(sorted(others))}'
+            unread = sum(part.unread for part in parts)
+            log_ns, series = _series(parts, self.stamps, source)
+            del parts  # as numbers they need as much room again
+            where = f'topic {self.topics[name]}'
+            if (others or why) and not len(series):
+                what = why or f'there is no joint {wanted!r}, it has {", ".join(sorted(others))}'
                 if empty:
                     what = f'no message holds a {field} of joint {wanted!r}'
-                raise MessageError(f'{self.bag.path}: topic {self.topics[name]}: {what}')
-            if empty:
-                self.bag.remarks.append(
-                    f'topic {self.topics[name]}: {empty} messages hold no'
-                    f' {(joint_of(source.field) or ("position",))[0]}, and are passed over'
-                )
+                raise MessageError(f'{self.bag.path}: {where}: {what}')
+            possible = possible_times(series.stamps_ns)
+            if not possible.all():
+                log_ns = log_ns[possible]
+                series = Series(series.stamps_ns[possible], series.values[possible])
+            passed = {
+                f'hold no {field}': empty,
+                f'cannot be read ({why})': unread,
+                'are of an impossible time': int(np.count_nonzero(~possible)),
+            }
+            self.bag.remarks += [
+                f'{where}: {count} messages {what}, and are passed over'
+                for what, count in passed.items()
+                if count
+            ]
+            columns[name] = series
+            some = np.linspace(0, log_ns.size - 1, min(log_ns.size, _LOOKED_AT)).astype(np.int64)
+            clocks[name] = Series(log_ns[some], series.stamps_ns[some].astype(np.float64))
+        self.bag.remarks += [one for one in [_set_back(columns) or _apart(clocks)] if one]
         return columns
 
     def _read(self, shared: Collection[str] = ()) -> dict[str, list[Gathered]]:
@@ -131,9 +157,8 @@ class _Reader:
                         plans[plan] = self._wanted(topic, name, name not in shared)
                     try:
                         found[name].append(gather(block, places, plans[plan]))
-                    except ValueError as error:
-                        kind = BagError if isinstance(error, PathError) else MessageError
-                        raise kind(f'{self.bag.path}: topic {topic.name}: {error}') from error
+                    except PathError as error:
+                        raise BagError(f'{self.bag.path}: topic {topic.name}: {error}') from error
         return found
 
     def _wanted(self, topic: Topic, name: str, alone: bool) -> Wanted:
@@ -156,10 +181,12 @@ class _Reader:
         return Wanted(definitions, topic.type, parse_path(joint[0]), stamp, joint[1], alone)
 
 
-def _series(parts: Sequence[Gathered], kind: Stamps, source: ChannelSource) -> Series:
-    """Return what was found in blocks, scaled, in the order of log time."""
+def _series(
+    parts: Sequence[Gathered], kind: Stamps, source: ChannelSource
+) -> tuple[NDArray[np.int64], Series]:
+    """Return what was found in blocks, scaled, in the order of log time, and these times."""
     if not parts:
-        return Series(np.zeros(0, np.int64), np.zeros(0))
+        return np.zeros(0, np.int64), Series(np.zeros(0, np.int64), np.zeros(0))
     log_ns = np.concatenate([part.log_ns for part in parts])
     values = np.concatenate([part.values for part in parts])
     stamps = log_ns
@@ -168,16 +195,63 @@ def _series(parts: Sequence[Gathered], kind: Stamps, source: ChannelSource) -> S
         if not stamps.all():  # a header that nobody filled: the log time stands in
             stamps = np.where(stamps == 0, log_ns, stamps)
     if (log_ns[1:] < log_ns[:-1]).any():
+        lost = ~possible_times(log_ns)  # in the place of the one before
+        log_ns = log_ns[np.maximum.accumulate(np.where(lost, lost.argmin(), np.arange(lost.size)))]
         back = np.diff(log_ns, prepend=log_ns[:1]) < -_SET_BACK_NS
         # A clock is set once; a writer that shuffles goes back all the time.
         clock = np.cumsum(back) if 100 * np.count_nonzero(back) < back.size else 0 * log_ns
         order = np.lexsort((log_ns, clock))
-        stamps, values = stamps[order], values[order]
+        log_ns, stamps, values = log_ns[order], stamps[order], values[order]
     if source.scale != 1.0:
         values *= source.scale
     if source.offset:
         values += source.offset
-    return Series(stamps, values)
+    return log_ns, Series(stamps, values)
+
+
+def _set_back(columns: Mapping[str, Series]) -> str:
+    """Say which clocks were set back, and how many samples that concerns; '' where none was."""
+    steps = {name: np.diff(one.stamps_ns).min(initial=0) for name, one in columns.items()}
+    names = [name for name, step in steps.items() if step < -_SET_BACK_NS]
+    if not names:
+        return ''
+    every = [columns[name].stamps_ns for name in names]
+    count = sum(np.count_nonzero(one < np.maximum.accumulate(one)) for one in every)
+    return (
+        f'a clock was set back by {-min(steps.values()) / NANOSECONDS:.3f} s: {count} samples of'
+        f' {", ".join(names)} are stamped before earlier ones, and kept'
+    )
+
+
+def _apart(clocks: Mapping[str, Series]) -> str:
+    """
+    Say which channels are stamped by another clock than most: far from theirs, or drifting.
+
+    `clocks` are some stamps of each channel, as the values of a series, at their log times.
+    """
+    ticking = {
+        name: one
+        for name, one in clocks.items()
+        if len(one) > _FEWEST_TIMES and (np.diff(one.stamps_ns) >= 0).all()
+    }
+    off_s: dict[str, Any] = {}
+    for name, one in ticking.items():
+        first = next(iter(ticking.values()))
+        both = one.between(int(first.stamps_ns[0]), int(first.stamps_ns[-1]) + 1)
+        if len(both) > _FEWEST_TIMES:
+            off = both.values - np.interp(both.stamps_ns, first.stamps_ns, first.values)
+            ends = np.array_split(off / NANOSECONDS, _FEWEST_TIMES)[::9]
+            # Of a replay that runs faster a delay on the way is so much more by its stamps.
+            pace = np.median(np.diff(one.values)) / max(1.0, np.median(np.diff(one.stamps_ns)))
+            off_s[name] = np.array([np.median(end) for end in ends]) / max(1.0, pace)
+    usual = np.sort([*off_s.values()], axis=0)[len(off_s) // 2] if off_s else 0.0
+    told = [
+        f'{name} is off by {begin:.3f} s at the beginning and {end:.3f} s at the end'
+        for name, (begin, end) in ((name, one - usual) for name, one in off_s.items())
+        if max(abs(begin), abs(end)) > CLOCK_RESET_NS / NANOSECONDS
+        or abs(end - begin) > _SET_BACK_NS / NANOSECONDS
+    ]
+    return f'not all channels are stamped by one clock: {", ".join(told)}' if told else ''
 
 
 def read_record(
@@ -247,8 +321,7 @@ def read_record(
             )
         if not filled:
             raise BagError(f'{bag.path}: its topics {", ".join(measured)} hold no messages')
-        steps = (np.diff(one.stamps_ns).min(initial=0) for one in filled.values())
-        path, notes = str(bag.path), _notes(bag, int(min(steps)))
+        path, notes = str(bag.path), _notes(bag)
         if not as_stamped:
             filled, remarks = evened(filled)
             if remarks:
@@ -335,12 +408,9 @@ def _named_channels(bag: Bag, wanted: Collection[str]) -> dict[str, ChannelSourc
     }
 
 
-def _notes(bag: Bag, back_ns: int) -> dict[str, str]:
+def _notes(bag: Bag) -> dict[str, str]:
     notes = dict(bag.notes)
-    told = [*bag.problems, *dict.fromkeys(bag.remarks)]
-    if back_ns < -_SET_BACK_NS:
-        told.append(f'a clock was set back by {-back_ns / NANOSECONDS:.3f} s')
-    if told:
+    if told := [*bag.problems, *dict.fromkeys(bag.remarks)]:
         notes['problems'] = '; '.join(told)
     return notes
 

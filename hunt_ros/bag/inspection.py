@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.blocks import by_topic
+from hunt_ros.bag.blocks import by_topic, possible_times
 from hunt_ros.bag.columns import find_topic, read_record
 from hunt_ros.bag.plausible import wrong_unit
 from hunt_ros.bag.reader import Bag
@@ -103,14 +103,14 @@ def inspect(
     """
     with Bag(path) as bag:
         times, damage = _read_times(bag, advance)
-        filled = [stamps for stamps in times.values() if stamps.size]
-        start = min((int(stamps.min()) for stamps in filled), default=0)
-        end = max((int(stamps.max()) for stamps in filled), default=0)
+        every = np.concatenate([np.zeros(0, np.int64), *times.values()])
+        every = every[possible_times(every)]
+        start, end = (int(every.min()), int(every.max())) if every.size else (0, 0)
         report = Inspection(
             bag.path,
             sum(Path(file.path).stat().st_size for file in bag.files),
             [Path(file.path).name for file in bag.files],
-            start if filled else None,
+            start if every.size else None,
             (end - start) / NANOSECONDS,
             bag.notes,
             problems=[_opening(problem) for problem in bag.problems] + damage,
@@ -122,6 +122,10 @@ def inspect(
             stamps = times.get(name, np.zeros(0, np.int64))
             topic = TopicReport(name, summary.type, int(stamps.size), None, None, None)
             report.topics.append(topic)
+            stamps = stamps[(stamps >= start) & (stamps <= end)]
+            if lost := topic.messages - stamps.size:
+                text = f'{name}: {lost} messages of an impossible time'
+                report.problems.append(Problem('damaged_message', text))
             if stamps.size:
                 first, last = int(stamps.min()), int(stamps.max())
                 if last > first:
@@ -150,7 +154,11 @@ def _measured(bag: Bag) -> tuple[Record, list[Problem]]:
     except BagError:
         return Record({}), []  # not those of a rig, or damaged, which is said already
     texts = (wrong_unit(channel, series) for channel, series in record.items())
-    found = [Problem('damaged_message', text) for text in dict.fromkeys(bag.remarks)]
+    found = [
+        Problem('damaged_message' if text.startswith('topic ') else 'clock_jump', text)
+        for text in dict.fromkeys(bag.remarks)
+        if 'set back' not in text  # each topic says when its own was
+    ]
     found += [Problem('wrong_unit', text) for text in texts if text]
     if bursts := record.notes.get('bursts'):
         found.append(Problem('bursts', bursts))

@@ -22,6 +22,7 @@ _TOLD = {
     'units_assumed': 'the file tells no unit, assumed: ',
     'left_out': 'left out: ',
     'clock': '',
+    'problems': 'damaged: ',
 }
 
 

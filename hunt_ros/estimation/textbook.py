@@ -109,7 +109,8 @@ def unmoved(
             cell = (here.stamps_ns - span.stamps_ns[0]) // round(_step_ns(frequency_hz))
             count = np.fmax(np.bincount(cell), 1)
             means = (np.bincount(cell, weights=here.values) / count)[np.unique(cell)]
-            if np.sum(np.diff(means) ** 2) > _WHITE * means.size * np.var(means):
+            white = _WHITE * means.size * np.var(means) if means.size else 0.0
+            if np.sum(np.diff(means) ** 2) > white:
                 size = float(np.median(rows[f'{moving}_amplitude'][clear]))
                 unit = next(sensor.unit for sensor in SENSORS if sensor.name == moving)
                 dead[name] = f'shows only noise while {moving} moves by {size:.3g} {unit}'

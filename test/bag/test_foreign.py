@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from bags_made import BEGIN_NS, Peer, write_rosbags
+from bags_made import BEGIN_NS, Peer, assert_same, write_rosbags
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from rosbags.highlevel import AnyReader
@@ -22,6 +22,7 @@ from rosbags.typesys import Stores, get_typestore
 from hunt_ros.bag import Bag, read_columns, read_record, write_record
 from hunt_ros.bag.bag_writer import quality_of_service
 from hunt_ros.bag.inspection import inspect
+from hunt_ros.bag.interchange.exporters import export_file
 from hunt_ros.bag.messages import read_raw
 from hunt_ros.bag.record_writer import serialise
 from hunt_ros.bag.repair import repair
@@ -425,12 +426,90 @@ def test_an_empty_stamp_is_the_log_time_of_its_message(tmp_path) -> None:
 
 
 def test_a_record_far_longer_than_it_was_recorded_is_refused(tmp_path) -> None:
-    lateral = empty_headers(joint_states(90), [40], struct.pack('<iI', 7, 0))
+    lateral = empty_headers(joint_states(90), [40, 41], struct.pack('<iI', 7, 0))
     recorded(tmp_path / 'a.mcap', lateral, speed=True)
     for channels in ({}, {'speed': 6.0}):
         with pytest.raises(BagError, match='lateral: a stamp of 7'):
             read_record(tmp_path / 'a.mcap', channels)
     assert any('lateral: a stamp of 7' in text for text in problems(tmp_path / 'a.mcap'))
+
+
+@pytest.mark.parametrize('stamp', [(7, 0), (2**31 - 1, 0), (-5, 0)], ids=str)
+def test_a_damaged_stamp_costs_its_message_alone(tmp_path, stamp: tuple[int, int]) -> None:
+    lateral = empty_headers(joint_states(90), [40], struct.pack('<iI', *stamp))
+    record = read_record(recorded(tmp_path / 'a.mcap', lateral, speed=True), {'yaw': 0.1})
+    np.testing.assert_array_equal(record['lateral'].values, np.delete(np.arange(90.0), 40))
+    assert record.duration_s == pytest.approx(0.89)
+    told = 'topic /rig/lateral: 1 messages are of an impossible time, and are passed over'
+    assert record.notes['problems'] == told
+    assert problems(tmp_path / 'a.mcap') == [f'damaged_message: {told}']
+
+
+@pytest.mark.parametrize('at', [0, 2**63 - 1], ids=['1970', '2262'])
+@pytest.mark.parametrize('stored', ['mcap', 'sqlite'])
+def test_a_damaged_log_time_does_not_make_the_recording_longer(tmp_path, at, stored) -> None:
+    record = counted(50)
+    if stored == 'sqlite':
+        file = write_rosbags(tmp_path / 'a', record)
+        change(file, f'UPDATE messages SET timestamp = {at} WHERE id = 20')
+    else:
+        file = tmp_path / 'a.mcap'
+        with Peer(file) as peer:
+            for name, series in record.items():
+                key = peer.channel(f'/rig/{name}', CHANNEL_FIELDS[name][0])
+                for row, raw in enumerate(serialise(name, series)):
+                    log = at if (name, row) == ('speed', 20) else int(series.stamps_ns[row])
+                    peer.writer.add_message(key, log, bytes(raw), 0)
+    assert_same(read_record(file), record)  # by their headers nothing is lost
+    with Bag(file) as bag:
+        assert bag.span_ns == (record.start_ns, record.end_ns)
+    found = inspect(file)
+    assert found.duration_s == pytest.approx(record.duration_s)
+    assert len(problems(file)) == 1, 'the message alone'
+    assert export_file(file, tmp_path / 'a.csv', to_s=0.1) == 10
+
+
+def _of_two_clocks(path: Path, stamps: np.ndarray, others: np.ndarray, log: np.ndarray) -> Path:
+    with Peer(path) as peer:
+        for name in ('lateral', 'yaw', 'roller', 'speed'):
+            own = stamps if name == 'lateral' else others
+            key = peer.channel(f'/rig/{name}', CHANNEL_FIELDS[name][0])
+            rows = serialise(name, Series(own, 0.01 * np.sin(0.2 * np.arange(own.size))))
+            for at, raw in zip(log.tolist(), rows, strict=True):
+                peer.writer.add_message(key, at, bytes(raw), at)
+    return path
+
+
+@pytest.mark.parametrize(
+    ('ahead_s', 'faster', 'told'),
+    [
+        (3600.0, 0.0, 'lateral is off by 3600.000 s at the beginning and 3600.000 s at the end'),
+        (0.0, 0.01, 'lateral is off by 0.010 s at the beginning and 0.190 s at the end'),
+        (0.2, 1e-4, ''),
+    ],
+)
+def test_two_clocks_in_one_recording_are_told_in_one_line(
+    tmp_path, capsys, ahead_s: float, faster: float, told: str
+) -> None:
+    """An offset of the delay on the way, and a drift within the noise of it, are none."""
+    log = BEGIN_NS + np.arange(2000) * 10_000_000
+    stamps = log + np.round(1e9 * ahead_s + faster * (log - BEGIN_NS)).astype(np.int64)
+    file = _of_two_clocks(tmp_path / 'a.mcap', stamps, log, log)
+    said = f'not all channels are stamped by one clock: {told}'
+    assert read_record(file).notes.get('problems', '') == (said if told else '')
+    for verb in ('check', 'replay', 'info'):
+        main([verb, str(file)])
+        assert capsys.readouterr().out.count(said) == bool(told)
+
+
+def test_a_replay_at_another_pace_is_no_second_clock(tmp_path) -> None:
+    """What it publishes late by 30 ms is late by 0.6 s of its own time."""
+    log = BEGIN_NS + np.arange(2000) * 500_000
+    own = BEGIN_NS + np.arange(2000) * 10_000_000
+    late = own - np.where(np.arange(2000) > 1000, 600_000_000, 0)
+    late = np.maximum.accumulate(late)
+    file = _of_two_clocks(tmp_path / 'a.mcap', late, own, log)
+    assert 'problems' not in read_record(file).notes
 
 
 @pytest.mark.parametrize('steps', ['log', 'header', 'both'])
@@ -441,16 +520,23 @@ def test_a_clock_that_is_set_back_changes_no_order_and_is_told(tmp_path, steps, 
     steady = BEGIN_NS + np.arange(400) * 10_000_000
     stamps = steady if steps == 'log' else set_back
     log = steady if steps == 'header' else set_back
+    values = 0.01 * np.sin(0.2 * np.arange(400.0))
     with Peer(tmp_path / 'a.mcap', chunk_size=5000) as peer:
         for name in ('lateral', 'speed'):
             key = peer.channel(f'/rig/{name}', CHANNEL_FIELDS[name][0])
-            rows = serialise(name, Series(stamps, np.sin(0.2 * np.arange(400.0))))
+            rows = serialise(name, Series(stamps, values))
             for at, raw in zip(log.tolist(), rows, strict=True):
                 peer.writer.add_message(key, at, bytes(raw), at)
     record = read_record(tmp_path / 'a.mcap')
-    np.testing.assert_array_equal(record['lateral'].values, np.sin(0.2 * np.arange(400.0)))
-    told = 'a clock was set back by 3599.990 s'  # by identify, plan and report too
+    np.testing.assert_array_equal(record['lateral'].values, values)
+    told = (  # by identify, plan and report too
+        'a clock was set back by 3599.990 s: 400 samples of lateral, speed are stamped before'
+        ' earlier ones, and kept'
+    )
     assert (record.notes.get('problems') == told) == (steps != 'log')
+    for verb, out in (('export', 'a.csv'), ('import', 'again')):
+        assert main([verb, str(tmp_path / 'a.mcap'), str(tmp_path / out)]) == 0
+        assert (told in ''.join(capsys.readouterr())) == (steps != 'log')
     jumps = [one for one in inspect(tmp_path / 'a.mcap').problems if one.kind == 'clock_jump']
     assert [one.text.partition(':')[0] for one in jumps] == ['/rig/lateral', '/rig/speed']
     assert jumps[0].time_s == pytest.approx(3599.99)

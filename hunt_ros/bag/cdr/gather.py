@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.bag.blocks import Block, Places, strided
-from hunt_ros.bag.cdr.layout import FieldPath, FieldPlace, extent, locate
+from hunt_ros.bag.cdr.layout import FieldPath, FieldPlace, PathError, extent, locate
 from hunt_ros.bag.cdr.message_types import Definitions
 
 #: Layouts gathered as arrays before the rest is walked one by one.
@@ -47,7 +47,8 @@ class Gathered(NamedTuple):
     Log times, header stamps (ns) and values, shape (n,), in the order of the places.
 
     `joints` are the names of those taken, `others` those in messages that were passed over, and
-    `empty` is how many of these name the joint, or none, and hold no number.
+    `empty` is how many of these name the joint, or none, and hold no number. `unread` is how many
+    have no such element or are not of their type, and `why` what is wrong with one of them.
     """
 
     log_ns: NDArray[np.int64]
@@ -56,6 +57,8 @@ class Gathered(NamedTuple):
     joints: set[str]
     others: set[str]
     empty: int
+    unread: int = 0
+    why: str = ''
 
 
 def gather(block: Block, places: Places, wanted: Wanted) -> Gathered:
@@ -73,25 +76,29 @@ def gather(block: Block, places: Places, wanted: Wanted) -> Gathered:
 
     Raises
     ------
-    ValueError
-        If a message has no such element, or is no message of its type.
+    PathError
+        If the field is no number, whatever the message.
     """
     stamps, values = places.log_ns.copy(), np.empty(places.starts.size)
     kept = np.ones(places.starts.size, dtype=bool)
     joints: set[str] = set()
     others: set[str] = set()
-    empty = 0
+    empty, unread, why = 0, 0, ''
     for rows, layout in _layouts(block, places, wanted):
-        if layout.field is None:
+        if layout.why:
+            unread, why = unread + 1, layout.why
+            kept[rows] = False
+        elif layout.field is None:
             others.add(layout.joint)
             kept[rows] = False
             empty += places.starts[rows].size * layout.empty
         else:
             joints.add(layout.joint)
             _take(block.data, places.starts[rows], layout, rows, stamps, values)
-    if others:
-        return Gathered(places.log_ns[kept], stamps[kept], values[kept], joints, others, empty)
-    return Gathered(places.log_ns, stamps, values, joints, others, 0)
+    log_ns = places.log_ns
+    if not kept.all():
+        log_ns, stamps, values = log_ns[kept], stamps[kept], values[kept]
+    return Gathered(log_ns, stamps, values, joints, others, empty, unread, why)
 
 
 def _layouts(block: Block, places: Places, wanted: Wanted) -> Iterator[tuple[_Rows, _Layout]]:
@@ -100,7 +107,12 @@ def _layouts(block: Block, places: Places, wanted: Wanted) -> Iterator[tuple[_Ro
     def layout_of(row: int) -> _Layout:
         """Return the layout of the message of a row."""
         start, length = int(places.starts[row]), int(places.lengths[row])
-        return _layout(block.data[start : start + length].tobytes(), wanted)
+        try:
+            return _layout(block.data[start : start + length].tobytes(), wanted)
+        except PathError:
+            raise
+        except ValueError as error:  # this one alone
+            return _Layout(None, None, 0, [], why=str(error))
 
     # While every message has fitted, all are addressed as they are, without selecting.
     left: _Rows = slice(None)
@@ -109,6 +121,10 @@ def _layouts(block: Block, places: Places, wanted: Wanted) -> Iterator[tuple[_Ro
         if not rows.size:
             return
         layout = layout_of(int(rows[0]))
+        if layout.why:
+            yield rows[:1], layout
+            left = rows = rows[1:]
+            continue
         fits = _fits(block.data, places.starts[left], places.lengths[left], layout)
         if fits is None:
             yield left, layout
@@ -124,7 +140,7 @@ class _Layout(NamedTuple):
     Where the field and the stamp lie, and the bytes that tell a message of this layout.
 
     Without the joint that is wanted, `field` is None; `joint` names those there are, and `empty`
-    says that the number alone is missing.
+    says that the number alone is missing. `why` says what is wrong with a message that is of none.
     """
 
     field: FieldPlace | None
@@ -133,6 +149,7 @@ class _Layout(NamedTuple):
     checks: list[tuple[int, str, int]]
     joint: str = ''
     empty: bool = False
+    why: str = ''
 
 
 def _layout(message: bytes, wanted: Wanted) -> _Layout:
