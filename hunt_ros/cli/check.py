@@ -26,7 +26,7 @@ from hunt_ros.drivers.alarm_output import AlarmSettings
 from hunt_ros.estimation.textbook import compared_amplitudes, unmoved
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.identification.record.stops import without_stops
-from hunt_ros.rig import UNSTOPPED, Rig
+from hunt_ros.rig import UNSTOPPED, Rig, refuse_other
 from hunt_ros.samples import CHANNELS, Record, Series, as_json
 from hunt_ros.sensors import DISPLACEMENTS, lacking
 
@@ -86,7 +86,7 @@ def _recorded(
     """Read a recording, and when its messages came; without a rig file, what it holds or lacks."""
     sources = options.channels_of(arguments, CHANNELS)
     record = read_record(arguments.bag, sources, as_stamped=True)
-    rig.refuse_other(record.notes.get('rig', ''), str(arguments.bag))
+    refuse_other(record.notes.get('rig', ''), rig.rig_name, str(arguments.bag))
     if not arguments.rig:
         rig = replace(rig, channels=(*record, *(either[0] for either in lacking(record))))
     named = {name: sources.get(name, name) for name in record}

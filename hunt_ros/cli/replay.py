@@ -19,6 +19,7 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import ConfigError
 from hunt_ros.recorded_run import RecordedRun, recorded_run
+from hunt_ros.rig import refuse_other
 from hunt_ros.samples import CHANNELS, Record
 from hunt_ros.sensors import DISPLACEMENTS
 
@@ -89,9 +90,10 @@ def run(arguments: argparse.Namespace) -> int:
 def read(arguments: argparse.Namespace, as_stamped: bool = False) -> Record:
     """Read the measurements, with the channels the user named; see `read_record`."""
     channels = options.channels_of(arguments, CHANNELS)
-    require = () if options.rig_of(arguments).constant_speed_mps > 0.0 else ('speed',)
+    rig = options.rig_of(arguments)
+    require = () if rig.constant_speed_mps > 0.0 else ('speed',)
     record = read_record(arguments.bag, channels, require=require, as_stamped=as_stamped)
-    options.rig_of(arguments).refuse_other(record.notes.get('rig', ''), record.source)
+    refuse_other(record.notes.get('rig', ''), rig.rig_name, record.source)
     if not set(DISPLACEMENTS) & set(record):
         neither = ' nor '.join(DISPLACEMENTS)
         raise ConfigError(f'{arguments.bag}: neither {neither} in it, expected one of them')

@@ -183,7 +183,7 @@ def test_the_drive_obeys_its_limit_and_its_lag() -> None:
         (lambda: SimulationSettings(sample_rate_hz=0.0), 'sample_rate_hz: 0.0 is below 0.001 Hz'),
         (lambda: SimulationSettings(broadband=-1.0), 'broadband: -1.0 is below 0'),
         (lambda: SensorModel(noise=float('nan')), 'noise: nan is not a number'),
-        (lambda: Roughness((-1e-6,)), 'roughness amplitude must not be negative'),
+        (lambda: Roughness((-1e-6,)), 'amplitudes must not be negative'),
         (lambda: DriveModel(acceleration_limit=0.0), 'acceleration_limit: 0.0 is below 1e-06'),
         (lambda: RollerRig(paper_rig()).advance(-1), 'cannot advance by -1'),
         (lambda: RollerRig(paper_rig()).advance(2, np.array([7.0, np.nan])), 'as many set points'),
