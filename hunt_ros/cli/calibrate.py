@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from hunt_ros.cli.support import options
-from hunt_ros.cli.support.output import tell
+from hunt_ros.cli.support.output import Found
 from hunt_ros.drivers.calibration import Calibration, fit_line
 from hunt_ros.errors import ConfigError
 from hunt_ros.files import write_whole
@@ -32,10 +32,9 @@ def configure(parser: options.Parser) -> None:
     parser.add('--points', type=_points, required=True, metavar='READING=KNOWN,...', help=first)
     beyond = 'readings at these ends or outside are saturated'
     parser.add('--range', type=_range, default=(), metavar='LOW,HIGH', help=beyond)
-    parser.add('--json')
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Found:
     """Calibrate: 0 done, 1 where a straight line does not describe the points."""
     if arguments.file.exists():
         raise ConfigError(f'{arguments.file}: is there already, expected a new name')
@@ -74,8 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     document |= {'residual_std': finite(fit.residual_std), 'points': points}
     document |= {'gain': fit.gain.to_json(), 'offset': fit.offset.to_json()}
     document |= {'file': str(arguments.file), 'warnings': warnings}
-    tell(arguments.json, lambda: document, lambda: '\n'.join(told))
-    return 1 if warnings else 0
+    return Found(document, told, 1 if warnings else 0)
 
 
 def _points(text: str) -> list[tuple[float, float]]:

@@ -19,7 +19,7 @@ from hunt_ros.bag import channel_map, read_columns, read_record
 from hunt_ros.bag.plausible import wrong_unit
 from hunt_ros.bursts import evened
 from hunt_ros.cli.support import options
-from hunt_ros.cli.support.output import progress, tell
+from hunt_ros.cli.support.output import Found, progress
 from hunt_ros.cli.support.processes import NodeSpec, ask
 from hunt_ros.detection import CompanionConfig, DetectorConfig
 from hunt_ros.drivers.alarm_output import AlarmSettings
@@ -45,12 +45,12 @@ _LEAST_H, _LEAST_BYTES, _WEEK_H = 8.0, 1e9, 168.0
 def configure(parser: options.Parser) -> None:
     """Declare the options."""
     parser.add('bag', nargs='?', type=Path, help='recording (default: the live topics)')
-    parser.add('--rig', '--channel', '--namespace', '--directory', '--json')
+    parser.add('--rig', '--channel', '--namespace', '--directory')
     longest = options.number(0.0, 3600.0, 's', above=True)
     parser.add('--duration', type=longest, metavar='S', help='listen for S seconds (10)')
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Found:
     """Check: 0 where nothing fails, 1 where something does."""
     rig = options.rig_of(arguments)
     options.settings_of(arguments, 'hunting_detector', DetectorConfig, CompanionConfig)
@@ -76,8 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
         'failed': failed,
         'checks': as_json(findings),
     }
-    tell(arguments.json, lambda: document, lambda: _lines(findings))
-    return 1 if failed else 0
+    return Found(document, _lines(findings), 1 if failed else 0)
 
 
 def _recorded(
@@ -221,7 +220,7 @@ def _watchdog(rig: Rig) -> Finding:
     return Finding('drive', '', WARN, UNSTOPPED, advice)
 
 
-def _lines(findings: list[Finding]) -> str:
+def _lines(findings: list[Finding]) -> list[str]:
     """Return a line a finding, and what to do below it."""
     lines = []
     for one in findings:
@@ -232,4 +231,4 @@ def _lines(findings: list[Finding]) -> str:
     states = [one.state for one in findings]
     counts = {state: states.count(state) for state in ('ok', 'warn', 'fail', 'unknown')}
     lines.append(', '.join(f'{count} {state}' for state, count in counts.items() if count))
-    return '\n'.join(lines)
+    return lines

@@ -10,7 +10,7 @@ from hunt_ros.bag import check_units, read_record
 from hunt_ros.bursts import evened
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.live_replay import replay_live
-from hunt_ros.cli.support.output import progress, tell
+from hunt_ros.cli.support.output import Found, progress
 from hunt_ros.cli.support.replay_report import document, lines_of
 from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig, HuntingDetector
 from hunt_ros.detection.offline import collect, config_for, frequency_for
@@ -32,7 +32,7 @@ EXAMPLE = 'hunt replay bags/kick_escapes --normal-form bags/paper.yaml --json -'
 def configure(parser: options.Parser) -> None:
     """Declare the options."""
     parser.add('bag', type=Path, help='folder, .mcap or .db3')
-    parser.add('--normal-form', '--rig', '--channel', '--json')
+    parser.add('--normal-form', '--rig', '--channel')
     options.add_set(parser, 'criteria=[cfr_213_333]', {}, hunting_detector=_KINDS)
     what = 'a new run with default settings, also where the recording holds a live one'
     parser.add('--fresh', **options.FLAG, help=what)
@@ -44,7 +44,7 @@ def configure(parser: options.Parser) -> None:
     options.add(live, '--from', '--to', '--namespace', '--page')
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Found | int:
     """Replay; offline unless --live."""
     options.check_stretch(arguments)
     if not arguments.live:
@@ -83,8 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
         remarks.append('no amplitude of the hunting could be estimated: it may hunt or not')
     told = record, config, found, remarks
     unit = options.rig_of(arguments).speed_unit
-    tell(arguments.json, lambda: document(*told), lambda: lines_of(*told, unit))
-    return 1 if found.blind else 0
+    return Found(document(*told), lines_of(*told, unit), 1 if found.blind else 0)
 
 
 def read(arguments: argparse.Namespace, as_stamped: bool = False) -> Record:
