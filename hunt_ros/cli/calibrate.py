@@ -31,7 +31,8 @@ def configure(parser: options.Parser) -> None:
     first = 'pairs; where the first reading is negative: --points=-5=-10,0=0'
     parser.add('--points', type=_points, required=True, metavar='READING=KNOWN,...', help=first)
     beyond = 'readings at these ends or outside are saturated'
-    parser.add('--range', type=_range, default=(), metavar='LOW,HIGH', help=beyond)
+    pair = options.numbers(_READING, form='LOW,HIGH')
+    parser.add('--range', type=pair, default=(), metavar='LOW,HIGH', help=beyond)
 
 
 def run(arguments: argparse.Namespace) -> Found:
@@ -80,10 +81,3 @@ def _points(text: str) -> list[tuple[float, float]]:
     """Read pairs of a reading and its known displacement."""
     pair = options.numbers(_READING, '=', form='READING=KNOWN')
     return [(reading, known) for reading, known in map(pair, text.split(','))]
-
-
-def _range(text: str) -> tuple[float, float]:
-    low, high = options.numbers(_READING, ',', form='LOW,HIGH')(text)
-    if low >= high:
-        raise argparse.ArgumentTypeError(f'expected a lower and a higher reading, got {text}')
-    return low, high

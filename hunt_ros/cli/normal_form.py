@@ -19,6 +19,7 @@ from hunt_ros.report.figures.diagram import (
     form_curve,
 )
 from hunt_ros.report.figures.style import write_picture
+from hunt_ros.samples import plain
 
 EXAMPLE = 'hunt normal-form config/wheelset.yaml --plot diagram.png'
 
@@ -75,7 +76,7 @@ def summary(name: str, form: ComplexNormalForm, result: dict[str, Any]) -> list[
     for each in COEFFICIENTS:
         value, real = getattr(form, each), getattr(form.amplitude_coordinate, each)
         columns = (value.real, 14), (value.imag, 14), (real, 24)
-        lines.append(f'{each:6}' + ''.join(f'{_plain(x):>{w}}' for x, w in columns))
+        lines.append(f'{each:6}' + ''.join(f'{plain(x, 6):>{w}}' for x, w in columns))
     lines.append('')
     for what, found, source in (
         ('normal form', result, 'an expansion about v_c'),
@@ -85,11 +86,6 @@ def summary(name: str, form: ComplexNormalForm, result: dict[str, Any]) -> list[
         told = 'none' if speed is None else f'v_n = {speed:.3f} m/s'
         lines.append(f'fold of the {what}: {told}, by {source}')
     return lines
-
-
-def _plain(value: float) -> str:
-    """Return a coefficient without an exponent, however large."""
-    return f'{value:.6g}' if abs(value) < 1e6 else f'{value:.0f}'
 
 
 def _plot(form: ComplexNormalForm, branch: Branch | None, path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from functools import partial
 from itertools import groupby
 
 from hunt_ros.cli.support import options
@@ -30,11 +29,10 @@ _OPTIONS = {
 _SHOWN = 6
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: options.Parser) -> None:
     """Add the arguments of the verb."""
-    add = partial(options.add, parser)
     options.add_settings(parser, PlanSettings, _OPTIONS)
-    add('--out', type=options.new_file(), metavar='FILE', help='write the profile here')
+    parser.add('--out', type=options.new_file(), metavar='FILE', help='write the profile here')
     add_recordings(parser, 'recordings, or the parameter file of hunt identify --out')
 
 

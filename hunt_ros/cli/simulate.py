@@ -55,8 +55,6 @@ def run(arguments: argparse.Namespace) -> Found:
     rig, settings = RigParameters.read(arguments.wheelset), _settings(arguments)
     profile = Profile.read(arguments.profile)
     duration_s = profile.duration_s if arguments.duration is None else arguments.duration
-    if duration_s > options.LONGEST_S:
-        raise ConfigError(f'the profile lasts {duration_s:g} s, more than {options.LONGEST_S:g} s')
     if duration_s * arguments.rate > _MOST_SAMPLES:
         raise ConfigError(
             f'--rate: {duration_s:g} s at {arguments.rate:g} Hz are more than'

@@ -41,18 +41,17 @@ _SHORT = {
 
 
 def add_recordings(
-    parser: argparse.ArgumentParser, what: str = 'recordings', **nodes: tuple[type[Settings], ...]
+    parser: options.Parser, what: str = 'recordings', **nodes: tuple[type[Settings], ...]
 ) -> None:
     """Add what to read and how to identify; `--set` takes the settings of these nodes too."""
-    add = partial(options.add, parser)
-    add('bags', nargs='+', metavar='BAG', help=what)
-    add('--channel', '--rig', '--seed')
+    parser.add('bags', nargs='+', metavar='BAG', help=what)
+    parser.add('--channel', '--rig', '--seed')
     example = 'roller_diameter_m=0.3, lines=[], prior_v_c=[8.0,0.05]'
     options.add_set(parser, example, _SHORT, **{_NODE: (IdentificationSettings,)}, **nodes)
     left = 'leave out these s since the start of each recording, or of the Nth; repeatable'
-    add('--ignore', type=_interval, action='append', metavar='[N:]FROM:TO', help=left)
+    parser.add('--ignore', type=_interval, action='append', metavar='[N:]FROM:TO', help=left)
     where = 'Dask scheduler, tcp://host:8786; its workers read the recordings by the same paths'
-    add('--cluster', metavar='ADDRESS', help=where)
+    parser.add('--cluster', metavar='ADDRESS', help=where)
 
 
 def _interval(text: str) -> tuple[float, float, int]:
