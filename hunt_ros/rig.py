@@ -23,7 +23,7 @@ from typing import Any, TypeVar
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import CHANNELS, USUAL_CHANNELS
 from hunt_ros.sensors import DISPLACEMENTS
-from hunt_ros.settings import Settings, checked, meant, setting, yaml_document, yaml_value
+from hunt_ros.settings import Settings, meant, setting, yaml_document, yaml_value
 from hunt_ros.suite import NODES
 
 _Kind = TypeVar('_Kind', bound=Settings)
@@ -123,6 +123,7 @@ class Rig(Settings):
         (1.0, 2.0),
         f'known lines, at most {MOST_LINES}, in turns of the roller from 0 to {MOST_TURNS:g}:'
         ' what is forced at these orders is no hunting (0.0: none)',
+        low=0.0,
         fixed=True,
     )
     hunting_frequency_hz: float = _known(
@@ -138,10 +139,10 @@ class Rig(Settings):
         '1 / omega_psi: the unit of time of the coefficients (0: of the built-in rig)', 's', 1e3
     )
     prior_v_c: tuple[float, ...] = setting(
-        (), 'known v_c and its standard deviation, m/s (none: not known)', fixed=True
+        (), 'known v_c and its standard deviation, m/s (none: not known)', low=0.0, fixed=True
     )
     prior_D1: tuple[float, ...] = setting(
-        (), 'known D1 and its standard deviation (none: not known)', fixed=True
+        (), 'known D1 and its standard deviation (none: not known)', low=0.0, fixed=True
     )
     flange_clearance_m: float = _known(
         'lateral displacement at which the flange meets the rail (0: not known)', 'm', 1.0
@@ -206,13 +207,11 @@ class Rig(Settings):
 
     def _check_lines(self) -> None:
         """Refuse orders that are none, and a wheel whose order is not known."""
-        lines = tuple(checked('lines', order, 'not be negative') for order in self.lines)
-        if max(lines, default=0.0) > MOST_TURNS or len({*lines} - {0.0}) > MOST_LINES:
+        if max(self.lines, default=0.0) > MOST_TURNS or len({*self.lines} - {0.0}) > MOST_LINES:
             raise ConfigError(
                 f'lines: {self.lines}, expected at most {MOST_LINES} orders of the roller, up to'
                 f' {MOST_TURNS:g}'
             )
-        object.__setattr__(self, 'lines', lines)
         if self.wheel_diameter_m > 0.0 and self.roller_diameter_m == 0.0:
             raise ConfigError('wheel_diameter_m: needs roller_diameter_m, got 0')
 
@@ -220,12 +219,10 @@ class Rig(Settings):
         """Refuse what is no value with its standard deviation."""
         for name in ('prior_v_c', 'prior_D1'):
             given = getattr(self, name)
-            numbers = tuple(checked(name, number) for number in given)
-            if len(given) not in (0, 2) or any(number <= 0.0 for number in numbers):
+            if len(given) not in (0, 2) or 0.0 in given:
                 raise ConfigError(
                     f'{name}: expected value and standard deviation, both positive, got {given}'
                 )
-            object.__setattr__(self, name, numbers)
 
     @classmethod
     def of(cls: type[_AnyRig], settings: Settings) -> _AnyRig:
@@ -240,27 +237,27 @@ class Rig(Settings):
         told = {item.name for item in fields(settings)}
         return cls(**{name: getattr(settings, name) for name in _FIELDS if name in told})
 
-    def refuse_other(self, recorded: str, where: str) -> None:
-        """
-        Refuse a recording of another rig.
 
-        Parameters
-        ----------
-        recorded : str
-            The rig's name in the recording; '' where it says none.
-        where : str
-            The recording, for the message.
+def refuse_other(found: str, expected: str, where: str, how: str = 'recorded') -> None:
+    """
+    Refuse what is of another rig.
 
-        Raises
-        ------
-        ConfigError
-            If both have a name, and not the same.
-        """
-        if recorded and self.rig_name and recorded != self.rig_name:
-            raise ConfigError(
-                f'{where}: recorded on rig {recorded!r}, expected {self.rig_name!r}'
-                ' (rig_name of the rig file)'
-            )
+    Parameters
+    ----------
+    found, expected : str
+        Names of rigs; '' where none is said.
+    where, how : str
+        The recording or the form, and what was done to it on its rig, for the message.
+
+    Raises
+    ------
+    ConfigError
+        If both have a name, and not the same.
+    """
+    if found and expected and found != expected:
+        raise ConfigError(
+            f'{where}: {how} on rig {found!r}, expected {expected!r} (rig_name of the rig file)'
+        )
 
 
 _FIELDS = {item.name: item for item in fields(Rig)}

@@ -64,17 +64,6 @@ class MotionSensor:
     cost: str
     usual: bool = True
 
-    def response(self, eigenvalue: complex) -> complex:
-        """
-        Return the phasor of its signal over that of its coordinate, the sensor's row.
-
-        Parameters
-        ----------
-        eigenvalue : complex
-            Growth rate + i angular frequency of the mode, 1/s.
-        """
-        return complex(eigenvalue**self.derivative)
-
 
 SENSORS: tuple[MotionSensor, ...] = (
     MotionSensor(

@@ -48,7 +48,7 @@ def setting(
     unit : str
         SI unit, e.g. 'm/s'.
     low, high : float, optional
-        Range, both ends included.
+        Range, both ends included; `low=0.0` of a tuple: finite numbers, none negative.
     choices : tuple of str
         The values a text may take.
     fixed : bool
@@ -79,11 +79,15 @@ class Settings:
     def __post_init__(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)
-            if type(item.default) is float and type(value) is int:
+            kind, number = type(item.default), isinstance(value, int | float)
+            if kind is float and number and not isinstance(value, bool):
                 value = float(value)
                 object.__setattr__(self, item.name, value)
-            elif type(item.default) is tuple and type(value) is list:
-                value = tuple(value)
+            elif kind is tuple and type(value) in (list, tuple):
+                numbers = item.metadata.get('low') is not None
+                value = tuple(
+                    checked(item.name, x, 'not be negative') if numbers else x for x in value
+                )
                 object.__setattr__(self, item.name, value)
             problem = _problem(value, item.default, item.metadata)
             if problem:
@@ -102,8 +106,8 @@ class Settings:
         ConfigError
             For a value out of range.
         """
-        known = set(values) - cls.unknown(values)
-        return cls(**{name: value for name, value in values.items() if name in known})
+        unknown = cls.unknown(values)
+        return cls(**{name: value for name, value in values.items() if name not in unknown})
 
     @classmethod
     def unknown(cls, values: Mapping[str, Any]) -> set[str]:

@@ -106,7 +106,7 @@ def test_the_node_that_identifies_takes_all_of_the_rig_that_an_identification_ne
         ('channels: [lateral, jaw]', '/**', ['channels', 'jaw', 'yaw']),
         ('channels: [lateral, speed, speed]', '/**', ['channels', 'twice']),
         ('prior_v_c: [8.0]', '/**', ['prior_v_c', 'standard deviation']),
-        ('prior_v_c: [8.0, -0.2]', '/**', ['prior_v_c', 'standard deviation']),
+        ('prior_v_c: [8.0, -0.2]', '/**', ['prior_v_c', 'negative, got -0.2']),
         ('prior_v_c: [eight, 0.2]', '/**', ['prior_v_c', 'eight', 'a number']),
         ('lines: 1.0', '/**', ['lines', '1.0', 'a list']),
         ('rig_name: a, rig_name: b', '/**', ['rig_name', 'twice']),

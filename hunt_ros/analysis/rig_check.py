@@ -130,7 +130,7 @@ def _small(value: float, unit: str) -> str:
     return f'{float(f"{scale * value:.3g}"):.7g} {small}'
 
 
-def _judged(
+def judged(
     check: str,
     channel: str,
     bad: bool,
@@ -179,7 +179,7 @@ def _times(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
     missing = float(np.sum(np.rint(apart / step) - 1.0))
     least = _IN_A_PERIOD * _highest_hz(rig) if channel in MOTION else _SPEED_HZ
     text, advice = f'{plain(1.0 / step, 4)} samples/s', f'sample it at {plain(least)} Hz or more'
-    yield _judged('rate', channel, 1.0 / step < least, text, advice, 1.0 / step, 'Hz')
+    yield judged('rate', channel, 1.0 / step < least, text, advice, 1.0 / step, 'Hz')
     jitter = float(np.std(steps[regular])) / math.sqrt(2.0)
     most = _JITTER_SHARE / (2.0 * math.pi * _highest_hz(rig))
     text = f'stamps are off by {1e3 * jitter:.3f} ms (standard deviation)'
@@ -188,11 +188,11 @@ def _times(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
         f' (expected at most {1e3 * most:.2g} ms)'
     )
     loose = channel in MOTION and jitter > most
-    yield _judged('jitter', channel, loose, text, advice, jitter, 's')
+    yield judged('jitter', channel, loose, text, advice, jitter, 's')
     share = missing / (len(series) + missing)
     text = f'{missing:.0f} samples are missing, the longest gap is {plain(float(steps.max()))} s'
     advice = 'look for lost messages: the network, the depth of the queues, the load of the host'
-    yield _judged('gaps', channel, share > _MISSING_SHARE, text, advice, share)
+    yield judged('gaps', channel, share > _MISSING_SHARE, text, advice, share)
 
 
 def _clock(channel: str, series: Series, arrivals: NDArray[np.int64]) -> Finding:
@@ -205,7 +205,7 @@ def _clock(channel: str, series: Series, arrivals: NDArray[np.int64]) -> Finding
     advice = 'synchronise the clocks of the hosts (PTP: docs/lab-pc.md)'
     state = FAIL if abs(offset) > CLOCK_OFFSET_NS / NANOSECONDS else WARN
     apart = not -1e-3 <= offset <= _OFFSET_S
-    return _judged('clock', channel, apart, text, advice, offset, 's', state)
+    return judged('clock', channel, apart, text, advice, offset, 's', state)
 
 
 def _readings(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
@@ -225,7 +225,7 @@ def _readings(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
     if float(np.ptp(values)) == 0.0:
         text = f'every reading is {float(values[0]):.4g} {unit}'
         advice = 'the sensor is stuck or not connected: move it, and look again'
-        yield _judged('noise', channel, channel in MOTION, text, advice, 0.0, unit)
+        yield judged('noise', channel, channel in MOTION, text, advice, 0.0, unit)
         return
     noise = _noise(values)
     if channel in MOTION:
@@ -235,14 +235,14 @@ def _readings(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
             f'expected at most {_small(most, unit)}, {_NOISE_SHARE:.0%} of the flange clearance:'
             ' look at cables, shielding, range of the sensor'
         )
-        yield _judged('noise', channel, 0.0 < most < noise, text, advice, noise, unit)
+        yield judged('noise', channel, 0.0 < most < noise, text, advice, noise, unit)
     if channel != 'roller':
         step = smallest_step(values)
         text = f'the smallest step of the readings is {_small(step, unit)}'
         # Noise of a step and more is averaged out; below it what is smaller is not seen at all.
         coarse = channel in MOTION and noise < 0.5 * step
         advice = 'coarser than the noise: motion below one step is not seen; use a smaller range'
-        yield _judged('resolution', channel, coarse, text, advice, step, unit, WARN)
+        yield judged('resolution', channel, coarse, text, advice, step, unit, WARN)
     limit = saturated_from(rig, channel)
     largest = float(np.abs(values).max())
     if 0.0 < limit <= largest:
@@ -283,7 +283,7 @@ def check_roller(record: Record, rig: Rig) -> Iterator[Finding]:
         reverse = mean < -_TURNING_MPS
         text = f'{mean:.3f} m/s on average' + ': the rig runs in reverse' * reverse
         advice = 'where it does not, change the sign of the channel (factor -1)'
-        yield _judged('speed', 'speed', reverse, text, advice, mean, 'm/s', WARN)
+        yield judged('speed', 'speed', reverse, text, advice, mean, 'm/s', WARN)
     if 'roller' not in rig.channels or roller is None or len(roller) < _FEWEST:
         return
     distinct = np.diff(roller.stamps_ns, prepend=-1) != 0
@@ -325,7 +325,7 @@ def check_roller(record: Record, rig: Rig) -> Iterator[Finding]:
     text = f'the angle runs {way} at {plain(rate, 4)} rad/s{wraps}'
     advice = 'it turns by more than a quarter from reading to reading: read it more often'
     seldom = quick > 0.5 * _WRAP
-    yield _judged('encoder', 'roller', seldom, text, advice, math.copysign(rate, net), 'rad/s')
+    yield judged('encoder', 'roller', seldom, text, advice, math.copysign(rate, net), 'rad/s')
     if speeds.size >= _FEWEST and not seldom:
         yield _diameter(np.abs(ways), np.abs(turns), running, rate, rig)
 
@@ -361,4 +361,4 @@ def _diameter(
         ' and counts of the encoder is wrong'
     )
     wrong = off > _DIAMETER_SHARE
-    return _judged('diameter', 'roller', wrong, text, advice, measured, 'm', state)
+    return judged('diameter', 'roller', wrong, text, advice, measured, 'm', state)

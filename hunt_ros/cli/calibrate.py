@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from hunt_ros.cli.support import options
-from hunt_ros.cli.support.output import tell
+from hunt_ros.cli.support.output import Found
 from hunt_ros.drivers.calibration import Calibration, fit_line
 from hunt_ros.errors import ConfigError
 from hunt_ros.files import write_whole
@@ -31,11 +31,11 @@ def configure(parser: options.Parser) -> None:
     first = 'pairs; where the first reading is negative: --points=-5=-10,0=0'
     parser.add('--points', type=_points, required=True, metavar='READING=KNOWN,...', help=first)
     beyond = 'readings at these ends or outside are saturated'
-    parser.add('--range', type=_range, default=(), metavar='LOW,HIGH', help=beyond)
-    parser.add('--json')
+    pair = options.numbers(_READING, form='LOW,HIGH')
+    parser.add('--range', type=pair, default=(), metavar='LOW,HIGH', help=beyond)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Found:
     """Calibrate: 0 done, 1 where a straight line does not describe the points."""
     if arguments.file.exists():
         raise ConfigError(f'{arguments.file}: is there already, expected a new name')
@@ -74,18 +74,10 @@ def run(arguments: argparse.Namespace) -> int:
     document |= {'residual_std': finite(fit.residual_std), 'points': points}
     document |= {'gain': fit.gain.to_json(), 'offset': fit.offset.to_json()}
     document |= {'file': str(arguments.file), 'warnings': warnings}
-    tell(arguments.json, lambda: document, lambda: '\n'.join(told))
-    return 1 if warnings else 0
+    return Found(document, told, 1 if warnings else 0)
 
 
 def _points(text: str) -> list[tuple[float, float]]:
     """Read pairs of a reading and its known displacement."""
     pair = options.numbers(_READING, '=', form='READING=KNOWN')
     return [(reading, known) for reading, known in map(pair, text.split(','))]
-
-
-def _range(text: str) -> tuple[float, float]:
-    low, high = options.numbers(_READING, ',', form='LOW,HIGH')(text)
-    if low >= high:
-        raise argparse.ArgumentTypeError(f'expected a lower and a higher reading, got {text}')
-    return low, high

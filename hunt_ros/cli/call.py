@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from hunt_ros.cli.support import options
-from hunt_ros.cli.support.output import tell
+from hunt_ros.cli.support.output import Found
 from hunt_ros.cli.support.processes import NodeSpec, ask
 from hunt_ros.errors import HuntError
 from hunt_ros.services import SERVICES
@@ -31,10 +31,9 @@ def configure(parser: options.Parser) -> None:
     what = 'how long to look for the service (%(default)g s)'
     parser.add('--wait', type=longest, default=5.0, metavar='S', help=what)
     parser.add('--namespace', default='rig')
-    parser.add('--json')
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Found:
     """Call it: 0 done, 1 refused; a HuntError (2) where nobody offers it."""
     service = SERVICES[arguments.service]
     words = ' '.join(arguments.words.split())
@@ -47,5 +46,4 @@ def run(arguments: argparse.Namespace) -> int:
         more = named if service.node == ALARM_OUTPUTS else ''
         raise HuntError(f'{answer["service"]}: {answer["message"]}{more}')
     said = answer['message'] or ('done' if answer['success'] else 'refused')
-    tell(arguments.json, lambda: answer, lambda: said)
-    return 0 if answer['success'] else 1
+    return Found(answer, [said], 0 if answer['success'] else 1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import shutil
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib.util import find_spec
@@ -14,19 +15,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.analysis.rig_check import FAIL, OK, UNKNOWN, WARN, Finding, check_rig
+from hunt_ros.analysis.rig_check import FAIL, OK, UNKNOWN, WARN, Finding, check_rig, judged
 from hunt_ros.bag import channel_map, read_columns, read_record
 from hunt_ros.bag.plausible import wrong_unit
 from hunt_ros.bursts import evened
 from hunt_ros.cli.support import options
-from hunt_ros.cli.support.output import progress, tell
+from hunt_ros.cli.support.output import Found, progress
 from hunt_ros.cli.support.processes import NodeSpec, ask
 from hunt_ros.detection import CompanionConfig, DetectorConfig
 from hunt_ros.drivers.alarm_output import AlarmSettings
 from hunt_ros.estimation.textbook import compared_amplitudes, unmoved
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.identification.record.stops import without_stops
-from hunt_ros.rig import UNSTOPPED, Rig
+from hunt_ros.rig import UNSTOPPED, Rig, refuse_other
 from hunt_ros.samples import CHANNELS, Record, Series, as_json
 from hunt_ros.sensors import DISPLACEMENTS, lacking
 
@@ -45,12 +46,12 @@ _LEAST_H, _LEAST_BYTES, _WEEK_H = 8.0, 1e9, 168.0
 def configure(parser: options.Parser) -> None:
     """Declare the options."""
     parser.add('bag', nargs='?', type=Path, help='recording (default: the live topics)')
-    parser.add('--rig', '--channel', '--namespace', '--directory', '--json')
+    parser.add('--rig', '--channel', '--namespace', '--directory')
     longest = options.number(0.0, 3600.0, 's', above=True)
     parser.add('--duration', type=longest, metavar='S', help='listen for S seconds (10)')
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Found:
     """Check: 0 where nothing fails, 1 where something does."""
     rig = options.rig_of(arguments)
     options.settings_of(arguments, 'hunting_detector', DetectorConfig, CompanionConfig)
@@ -76,8 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
         'failed': failed,
         'checks': as_json(findings),
     }
-    tell(arguments.json, lambda: document, lambda: _lines(findings))
-    return 1 if failed else 0
+    return Found(document, _lines(findings), 1 if failed else 0)
 
 
 def _recorded(
@@ -86,7 +86,7 @@ def _recorded(
     """Read a recording, and when its messages came; without a rig file, what it holds or lacks."""
     sources = options.channels_of(arguments, CHANNELS)
     record = read_record(arguments.bag, sources, as_stamped=True)
-    rig.refuse_other(record.notes.get('rig', ''), str(arguments.bag))
+    refuse_other(record.notes.get('rig', ''), rig.rig_name, str(arguments.bag))
     if not arguments.rig:
         rig = replace(rig, channels=(*record, *(either[0] for either in lacking(record))))
     named = {name: sources.get(name, name) for name in record}
@@ -121,17 +121,16 @@ def _publishers(heard: Mapping[str, Any], rig: Rig) -> list[Finding]:
     """Return who publishes the channels, where it is not one node."""
     found = []
     for channel, one in heard.items():
-        names, topic = one['publishers'], one['topic']
-        state = FAIL
-        if len(names) > 1:
-            text = f'{topic} has {len(names)} publishers: {", ".join(names)}'
-            advice = 'end all but one, or start the second suite under another namespace'
-        elif not names:
+        names, topic, state = one['publishers'], one['topic'], FAIL
+        if len(names) == 1:
+            continue
+        text = f'{topic} has {len(names)} publishers: {", ".join(names)}'
+        advice = 'end all but one, or start the second suite under another namespace'
+        if not names:
             state = WARN if channel in rig.optional_channels else FAIL
             text = f'nobody publishes {topic}'
             advice = 'start its node; --namespace says where the topics of the rig are'
-        if len(names) != 1:
-            found.append(Finding('publishers', channel, state, text, advice, float(len(names))))
+        found.append(Finding('publishers', channel, state, text, advice, float(len(names))))
     return found
 
 
@@ -183,9 +182,9 @@ def _filters(record: Record, rig: Rig) -> list[Finding]:
     if both := compared_amplitudes(record, *hunting):
         apart = both[0] / both[1] - 1.0
         # A fixed filter leaves something of noise and of a beat.
-        state, advice = (OK, '') if abs(apart) <= 0.1 else (WARN, _FILTERS)
+        far = abs(apart) > 0.1
         text = f'the amplitude is {100 * apart:+.1f} % off that of a textbook Kalman filter'
-        found.append(Finding('filter', '', state, text, advice, apart))
+        found.append(judged('filter', '', far, text, _FILTERS, apart, state=WARN))
     return found
 
 
@@ -197,10 +196,9 @@ def _disk(record: Record, directory: Path) -> Finding:
     hours = free / max(rate * _SAMPLE_BYTES, 1.0) / 3600.0
     lasts = f'about {hours:.0f} h' if hours < _WEEK_H else 'more than a week'
     text = f'{free / 1e9:.1f} GB are free at {place}, for {lasts} of recording'
-    if free >= _LEAST_BYTES and hours >= _LEAST_H:
-        return Finding('disk', '', OK, text, '', free, 'byte')
     advice = 'make room there, or record elsewhere with --directory'
-    return Finding('disk', '', FAIL, text, advice, free, 'byte')
+    full = free < _LEAST_BYTES or hours < _LEAST_H
+    return judged('disk', '', full, text, advice, free, 'byte')
 
 
 def _alarm(arguments: argparse.Namespace) -> Finding:
@@ -221,7 +219,7 @@ def _watchdog(rig: Rig) -> Finding:
     return Finding('drive', '', WARN, UNSTOPPED, advice)
 
 
-def _lines(findings: list[Finding]) -> str:
+def _lines(findings: list[Finding]) -> list[str]:
     """Return a line a finding, and what to do below it."""
     lines = []
     for one in findings:
@@ -229,7 +227,6 @@ def _lines(findings: list[Finding]) -> str:
         lines.append(f'{one.state:8}{what:20} {one.text}')
         if one.advice:
             lines.append(f'{"":8}{"":20} -> {one.advice}')
-    states = [one.state for one in findings]
-    counts = {state: states.count(state) for state in ('ok', 'warn', 'fail', 'unknown')}
-    lines.append(', '.join(f'{count} {state}' for state, count in counts.items() if count))
-    return '\n'.join(lines)
+    counts = Counter(one.state for one in findings)
+    seen = (state for state in (OK, WARN, FAIL, UNKNOWN) if counts[state])
+    return [*lines, ', '.join(f'{counts[state]} {state}' for state in seen)]

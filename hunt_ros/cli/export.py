@@ -9,7 +9,7 @@ from pathlib import Path
 from hunt_ros.bag import Bag
 from hunt_ros.bag.interchange.exporters import export_file
 from hunt_ros.cli.support import options
-from hunt_ros.cli.support.output import tell
+from hunt_ros.cli.support.output import Found
 
 EXAMPLE = "hunt export bags/kick_escapes run.csv --channel y='/rig/lateral.position[0]' --to 20"
 
@@ -21,10 +21,10 @@ def configure(parser: options.Parser) -> None:
     parser.add(
         '--channel', help='column and topic.field; repeatable (default: all channels of a rig)'
     )
-    parser.add('--rig', '--from', '--to', '--json')
+    parser.add('--rig', '--from', '--to')
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Found:
     """Read the columns, write the table."""
     options.check_stretch(arguments)
     channels = options.channels_of(arguments, allowed=None)
@@ -36,5 +36,4 @@ def run(arguments: argparse.Namespace) -> int:
     for problem in problems:
         print(f'hunt export: damaged: {problem}', file=sys.stderr)
     written = {'file': str(arguments.out), 'rows': rows, 'problems': problems}
-    tell(arguments.json, lambda: written, lambda: f'{arguments.out}: {rows} rows')
-    return 0
+    return Found(written, [f'{arguments.out}: {rows} rows'])

@@ -7,7 +7,7 @@ import sys
 from dataclasses import replace
 
 from hunt_ros.cli.support import options
-from hunt_ros.cli.support.output import tell
+from hunt_ros.cli.support.output import Found
 from hunt_ros.cli.support.recordings import add_recordings, identified, whole_of
 from hunt_ros.files import write_whole
 from hunt_ros.identification import Identification
@@ -24,10 +24,9 @@ def configure(parser: options.Parser) -> None:
     add_recordings(parser)
     what = 'write the ROS parameter file here, and beside it the whole identification, as .npz'
     parser.add('--out', type=options.new_file('.yaml', '.yml'), metavar='FILE', help=what)
-    parser.add('--json')
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Found:
     """Identify, and say what was found; 1 where the data carry no normal form."""
     _, result = identified(arguments)
     if arguments.out and result.normal_form is None:
@@ -36,16 +35,15 @@ def run(arguments: argparse.Namespace) -> int:
         form = replace(result.normal_form, rig_name=options.rig_of(arguments).rig_name)
         write_whole(arguments.out, form.to_yaml(), 'parameter file')
         write_whole(whole_of(arguments.out), result.save, 'identification')
-    tell(arguments.json, result.to_json, lambda: describe(result))
-    return 0 if result.normal_form is not None else 1
+    return Found(result.to_json(), describe(result), 0 if result.normal_form is not None else 1)
 
 
-def describe(result: Identification) -> str:
+def describe(result: Identification) -> list[str]:
     """Return the result as a few lines for a person."""
     low, high = result.speeds
     speeds = {'v_c': result.v_c, 'v_n': result.v_n, 'hysteresis width': result.hysteresis_width}
     asked = {key: why for key, why in result.unknown.items() if key.split('.')[0] in _ASKED}
-    lines = [
+    return [
         *result.bracket.lines(),
         *(_line(name, number, 'm/s') for name, number in speeds.items()),
         *(_line(name, number, '') for name, number in result.coefficients.items()),
@@ -56,7 +54,6 @@ def describe(result: Identification) -> str:
         f'law: {result.fit.law}; {result.fit.segments} of {len(result.segments)} segments used',
         *(f'warning: {line}' for line in (*result.notices, *lines_of(asked))),
     ]
-    return '\n'.join(lines)
 
 
 def _line(name: str, number: Uncertain | None, unit: str) -> str:

@@ -9,7 +9,7 @@ from hunt_ros.bag import check_units
 from hunt_ros.bag.interchange.importers import load_record
 from hunt_ros.bag.record_writer import write_record
 from hunt_ros.cli.support import options
-from hunt_ros.cli.support.output import tell
+from hunt_ros.cli.support.output import Found
 from hunt_ros.samples import CHANNELS, known
 from hunt_ros.sensors import MOTION, lacking
 
@@ -32,7 +32,7 @@ def configure(parser: options.Parser) -> None:
     parser.add('out', type=options.new_folder, help='folder of the bag; must not exist')
     which = f'{", ".join(MOTION)}, roller or speed'
     parser.add('--channel', help=f'{which}: a column, data[1]*0.47, or a constant; repeatable')
-    parser.add('--rig', '--json')
+    parser.add('--rig')
     parser.add('--rate', help='samples a second of a file without times')
     parser.add('--time', metavar='COLUMN', help='of the times, in s: t or t_ms*0.001')
     parser.add('--namespace', default='rig')
@@ -40,7 +40,7 @@ def configure(parser: options.Parser) -> None:
     parser.add('--note', type=_note, action='append', default=[], metavar='NAME=TEXT', help=kept)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Found:
     """Read the file, write the bag, say what is in it."""
     mapping = options.channels_of(arguments, CHANNELS)
     record = check_units(
@@ -59,8 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     said = [f'{path}: {record.duration_s:.1f} s, samples: {parts}']
     said += [_TOLD[name] + text for name, text in told.items() if text]
     said += [f'no {" or ".join(either)} is in it' for either in lacking(record)]
-    tell(arguments.json, lambda: written, lambda: '; '.join(said))
-    return 0
+    return Found(written, ['; '.join(said)])
 
 
 def _note(text: str) -> tuple[str, str]:

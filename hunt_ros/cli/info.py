@@ -10,7 +10,7 @@ from hunt_ros.bag.inspection import Inspection, inspect
 from hunt_ros.bag.mcap.file import REPAIR
 from hunt_ros.bag.repair import Repair, repair
 from hunt_ros.cli.support import options
-from hunt_ros.cli.support.output import progress, tell
+from hunt_ros.cli.support.output import Found, progress
 from hunt_ros.errors import BagError
 from hunt_ros.samples import counted
 
@@ -22,10 +22,9 @@ def configure(parser: options.Parser) -> None:
     parser.add('bag', type=Path, help='folder, .mcap or .db3; also one not closed')
     what = 'write what can be saved to this new folder; then 0 says that no file was left out'
     parser.add('--repair', type=options.new_folder, metavar='OUT', help=what)
-    parser.add('--json')
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Found:
     """
     Inspect, and repair if asked: 0 for a sound recording, 1 for one with problems.
 
@@ -49,10 +48,8 @@ def run(arguments: argparse.Namespace) -> int:
         document['repair'] = _repair_json(repaired)
         lines += [f'repaired: {repaired}', *(f'  {problem}' for problem in repaired.problems)]
         lines = [line.replace(REPAIR, '') for line in lines]  # it is what has just been done
-    tell(arguments.json, lambda: document, lambda: '\n'.join(lines))
-    if repaired is not None:
-        return 1 if repaired.left_out else 0
-    return 1 if found is not None and found.problems else 0
+        return Found(document, lines, 1 if repaired.left_out else 0)
+    return Found(document, lines, 1 if found is not None and found.problems else 0)
 
 
 def _repair_json(repaired: Repair) -> dict[str, object]:

@@ -18,6 +18,7 @@ from typing import Any
 
 from hunt_ros import __version__
 from hunt_ros.cli.support.options import Parser
+from hunt_ros.cli.support.output import Found, tell
 from hunt_ros.errors import HuntError, not_installed, one_line
 
 #: Verb -> what it is for, in the order of the help text. Its module is imported where it is used.
@@ -39,6 +40,8 @@ VERBS: dict[str, str] = {
     'calibrate': 'calibrate a sensor: known displacements in, gain and offset out',
     'compile': 'compile the kernels once, so that no first run waits (make install does it)',
 }
+#: Verbs that act, and have nothing to tell.
+_ACTING = ('demo', 'run', 'compile')
 
 
 def module_of(verb: str) -> Any:
@@ -64,6 +67,8 @@ def parser_of(verb: str | None) -> Parser:
             subparser.formatter_class = argparse.RawDescriptionHelpFormatter
             subparser.epilog = f'example:\n  {module.EXAMPLE}'
             module.configure(subparser)
+            if verb not in _ACTING:
+                subparser.add('--json')
             subparser.set_defaults(run=module.run)
     return parser
 
@@ -103,8 +108,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Imported here, for an interrupt finds nobody who takes it before.
         say = import_module('hunt_ros.compiled').on_compilation
         say(lambda text: print(f'{name}: {text}', file=sys.stderr, flush=True))
-        code: int = parsed.run(parsed)
-        return code
+        found: Found | int = parsed.run(parsed)
+        return found if isinstance(found, int) else tell(found, parsed.json)
     except HuntError as error:
         return _ended(f'{name}: {error}', 2)
     except BrokenPipeError:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hunt_ros.cli.support import options
-from hunt_ros.cli.support.output import tell
+from hunt_ros.cli.support.output import Found
 from hunt_ros.dynamics.center_manifold import ComplexNormalForm, normal_form_of
 from hunt_ros.dynamics.limit_cycle import Branch, cycles_of
 from hunt_ros.dynamics.normal_form import COEFFICIENTS
@@ -19,6 +19,7 @@ from hunt_ros.report.figures.diagram import (
     form_curve,
 )
 from hunt_ros.report.figures.style import write_picture
+from hunt_ros.samples import plain
 
 EXAMPLE = 'hunt normal-form config/wheelset.yaml --plot diagram.png'
 
@@ -32,19 +33,17 @@ def configure(parser: options.Parser) -> None:
     parser.add('wheelset', type=Path, help=what)
     picture = options.new_file('.png', '.svg')
     parser.add('--plot', type=picture, metavar='PNG', help='bifurcation diagram')
-    parser.add('--json')
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Found:
     """Read the rig, compute, print."""
     rig = RigParameters.read(arguments.wheelset)
     form = normal_form_of(rig)
     branch = cycles_of(rig)
     result = document(form, branch)
-    tell(arguments.json, lambda: result, lambda: summary(rig.name, form, result))
     if arguments.plot:
         _plot(form, branch, arguments.plot)
-    return 0
+    return Found(result, summary(rig.name, form, result))
 
 
 def document(form: ComplexNormalForm, branch: Branch | None) -> dict[str, Any]:
@@ -66,7 +65,7 @@ def document(form: ComplexNormalForm, branch: Branch | None) -> dict[str, Any]:
     }
 
 
-def summary(name: str, form: ComplexNormalForm, result: dict[str, Any]) -> str:
+def summary(name: str, form: ComplexNormalForm, result: dict[str, Any]) -> list[str]:
     """Return the lines for a person."""
     lines = [
         f'{name}: {result["criticality"] or "linear"} Hopf bifurcation at'
@@ -77,7 +76,7 @@ def summary(name: str, form: ComplexNormalForm, result: dict[str, Any]) -> str:
     for each in COEFFICIENTS:
         value, real = getattr(form, each), getattr(form.amplitude_coordinate, each)
         columns = (value.real, 14), (value.imag, 14), (real, 24)
-        lines.append(f'{each:6}' + ''.join(f'{_plain(x):>{w}}' for x, w in columns))
+        lines.append(f'{each:6}' + ''.join(f'{plain(x, 6):>{w}}' for x, w in columns))
     lines.append('')
     for what, found, source in (
         ('normal form', result, 'an expansion about v_c'),
@@ -86,12 +85,7 @@ def summary(name: str, form: ComplexNormalForm, result: dict[str, Any]) -> str:
         speed = found['v_n_mps']
         told = 'none' if speed is None else f'v_n = {speed:.3f} m/s'
         lines.append(f'fold of the {what}: {told}, by {source}')
-    return '\n'.join(lines)
-
-
-def _plain(value: float) -> str:
-    """Return a coefficient without an exponent, however large."""
-    return f'{value:.6g}' if abs(value) < 1e6 else f'{value:.0f}'
+    return lines
 
 
 def _plot(form: ComplexNormalForm, branch: Branch | None, path: Path) -> None:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import math
-from functools import partial
 from itertools import groupby
 
 from hunt_ros.cli.support import options
-from hunt_ros.cli.support.output import progress, tell
+from hunt_ros.cli.support.output import Found, progress
 from hunt_ros.cli.support.recordings import add_recordings, known_of
 from hunt_ros.errors import ConfigError
 from hunt_ros.files import write_whole
@@ -30,16 +29,14 @@ _OPTIONS = {
 _SHOWN = 6
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
+def configure(parser: options.Parser) -> None:
     """Add the arguments of the verb."""
-    add = partial(options.add, parser)
     options.add_settings(parser, PlanSettings, _OPTIONS)
-    add('--out', type=options.new_file(), metavar='FILE', help='write the profile here')
+    parser.add('--out', type=options.new_file(), metavar='FILE', help='write the profile here')
     add_recordings(parser, 'recordings, or the parameter file of hunt identify --out')
-    add('--json')
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Found:
     """Identify, plan, write the profile, say why."""
     given = options.given_settings(arguments, (*_OPTIONS.values(), 'seed'))
     ceiling = options.rig_of(arguments).speed_ceiling_mps
@@ -56,11 +53,10 @@ def run(arguments: argparse.Namespace) -> int:
         advance(1.0)
     if arguments.out:
         write_whole(arguments.out, found.profile.to_yaml(), 'profile')
-    tell(arguments.json, found.to_json, lambda: describe(found))
-    return 0
+    return Found(found.to_json(), describe(found))
 
 
-def describe(found: Plan) -> str:
+def describe(found: Plan) -> list[str]:
     """Return the plan as a few lines for a person."""
     lines = [found.reason]
     for one in found.quantities:
@@ -84,5 +80,6 @@ def describe(found: Plan) -> str:
             'the best actions from here, by what a minute teaches (drop of the logarithms of the'
             ' deviations above, 1/min):'
         )
-    lines += [f'  {one.gain_per_minute:7.1f} 1/min  {one.words}' for one in found.actions[:_SHOWN]]
-    return '\n'.join(lines)
+    return lines + [
+        f'  {one.gain_per_minute:7.1f} 1/min  {one.words}' for one in found.actions[:_SHOWN]
+    ]

@@ -10,7 +10,7 @@ from hunt_ros.bag import check_units, read_record
 from hunt_ros.bursts import evened
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.live_replay import replay_live
-from hunt_ros.cli.support.output import progress, tell
+from hunt_ros.cli.support.output import Found, progress
 from hunt_ros.cli.support.replay_report import document, lines_of
 from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig, HuntingDetector
 from hunt_ros.detection.offline import collect, config_for, frequency_for
@@ -19,6 +19,7 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import ConfigError
 from hunt_ros.recorded_run import RecordedRun, recorded_run
+from hunt_ros.rig import refuse_other
 from hunt_ros.samples import CHANNELS, Record
 from hunt_ros.sensors import DISPLACEMENTS
 
@@ -31,7 +32,7 @@ EXAMPLE = 'hunt replay bags/kick_escapes --normal-form bags/paper.yaml --json -'
 def configure(parser: options.Parser) -> None:
     """Declare the options."""
     parser.add('bag', type=Path, help='folder, .mcap or .db3')
-    parser.add('--normal-form', '--rig', '--channel', '--json')
+    parser.add('--normal-form', '--rig', '--channel')
     options.add_set(parser, 'criteria=[cfr_213_333]', {}, hunting_detector=_KINDS)
     what = 'a new run with default settings, also where the recording holds a live one'
     parser.add('--fresh', **options.FLAG, help=what)
@@ -43,7 +44,7 @@ def configure(parser: options.Parser) -> None:
     options.add(live, '--from', '--to', '--namespace', '--page')
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Found | int:
     """Replay; offline unless --live."""
     options.check_stretch(arguments)
     if not arguments.live:
@@ -82,16 +83,16 @@ def run(arguments: argparse.Namespace) -> int:
         remarks.append('no amplitude of the hunting could be estimated: it may hunt or not')
     told = record, config, found, remarks
     unit = options.rig_of(arguments).speed_unit
-    tell(arguments.json, lambda: document(*told), lambda: lines_of(*told, unit))
-    return 1 if found.blind else 0
+    return Found(document(*told), lines_of(*told, unit), 1 if found.blind else 0)
 
 
 def read(arguments: argparse.Namespace, as_stamped: bool = False) -> Record:
     """Read the measurements, with the channels the user named; see `read_record`."""
     channels = options.channels_of(arguments, CHANNELS)
-    require = () if options.rig_of(arguments).constant_speed_mps > 0.0 else ('speed',)
+    rig = options.rig_of(arguments)
+    require = () if rig.constant_speed_mps > 0.0 else ('speed',)
     record = read_record(arguments.bag, channels, require=require, as_stamped=as_stamped)
-    options.rig_of(arguments).refuse_other(record.notes.get('rig', ''), record.source)
+    refuse_other(record.notes.get('rig', ''), rig.rig_name, record.source)
     if not set(DISPLACEMENTS) & set(record):
         neither = ' nor '.join(DISPLACEMENTS)
         raise ConfigError(f'{arguments.bag}: neither {neither} in it, expected one of them')

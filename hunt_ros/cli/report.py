@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hunt_ros.bag.clips import clips_of
 from hunt_ros.cli.support import options
-from hunt_ros.cli.support.output import progress, tell
+from hunt_ros.cli.support.output import Found, progress
 from hunt_ros.cli.support.recordings import add_recordings, identified, settings_of
 from hunt_ros.errors import ConfigError
 from hunt_ros.files import write_whole
@@ -32,10 +32,9 @@ def configure(parser: options.Parser) -> None:
     parser.add('--title', metavar='TEXT', help='of the page')
     what = 'identify each recording by itself too, and set them side by side'
     parser.add('--compare', **options.FLAG, help=what)
-    parser.add('--json')
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Found:
     """Identify, analyse, draw, write; 1 where the data carry no normal form."""
     if arguments.figures:
         options.refuse_place(arguments.figures, 'the figures')
@@ -79,5 +78,4 @@ def run(arguments: argparse.Namespace) -> int:
     lines = [str(path) for path in (arguments.out, *written)]
     if identification.normal_form is None:
         lines.append(f'no normal form: {identification.unknown["correlations"]}')
-    tell(arguments.json, lambda: report.document, lambda: '\n'.join(lines))
-    return 0 if identification.normal_form is not None else 1
+    return Found(report.document, lines, 0 if identification.normal_form is not None else 1)

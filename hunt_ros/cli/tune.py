@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 
 from hunt_ros.cli.support import options
-from hunt_ros.cli.support.output import progress, tell
+from hunt_ros.cli.support.output import Found, progress
 from hunt_ros.cli.support.recordings import add_recordings, identified
 from hunt_ros.detection import DetectorConfig
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
@@ -25,10 +25,9 @@ def configure(parser: options.Parser) -> None:
     parser.add('--grid', action='append', default=[], metavar='NAME=X,...', help=what)
     what = 'draw false alarms against delay'
     parser.add('--out', type=options.new_file('.svg', '.png'), metavar='FILE', help=what)
-    parser.add('--json')
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Found:
     """Say what is true, replay, and compare; 1 where no recording says what is true."""
     (config,) = options.settings_of(arguments, 'hunting_detector', DetectorConfig)
     form = IdentifiedNormalForm.read(arguments.normal_form) if arguments.normal_form else None
@@ -39,16 +38,13 @@ def run(arguments: argparse.Namespace) -> int:
         truths, outcomes = tune(found, config, form, grid, arguments.cluster or '', advance)
     if arguments.out and outcomes[0].harmless_s:
         write_picture(picture(outcomes), arguments.out)
-    tell(
-        arguments.json,
-        lambda: {
-            'truth': _truth(truths),
-            'settings': [one.to_json() for one in outcomes],
-            'warnings': _warnings(outcomes),
-        },
-        lambda: '\n'.join(_lines(truths, outcomes)),
-    )
-    return 0 if any(truth.hunting or truth.harmless for truth in truths) else 1
+    document = {
+        'truth': _truth(truths),
+        'settings': [one.to_json() for one in outcomes],
+        'warnings': _warnings(outcomes),
+    }
+    seen = any(truth.hunting or truth.harmless for truth in truths)
+    return Found(document, _lines(truths, outcomes), 0 if seen else 1)
 
 
 def _values(word: str) -> tuple[str, tuple[float, ...]]:

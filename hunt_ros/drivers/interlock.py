@@ -277,7 +277,7 @@ class Interlock:
     def motion(self, now_ns: int) -> Motion:
         """Return what the detector sees; of one that is silent the form in force alone."""
         motion = self.heard.motion
-        return motion.form_alone if self._silence(now_ns) else motion
+        return Motion().with_form(motion) if self._silence(now_ns) else motion
 
     def trouble(self, now_ns: int) -> Trouble:
         """Return what would trip the interlock now (steady clock), the gravest first."""

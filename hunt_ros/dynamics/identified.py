@@ -25,6 +25,7 @@ from hunt_ros.dynamics.mode_shape import ModeShape, numbers
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, NormalForm
 from hunt_ros.errors import ConfigError
 from hunt_ros.files import read_text
+from hunt_ros.rig import refuse_other
 from hunt_ros.settings import checked, yaml_document
 
 #: Order of the identified parameters in `IdentifiedNormalForm.covariance`.
@@ -94,11 +95,7 @@ class IdentifiedNormalForm:
         ConfigError
             If both have a name, and not the same.
         """
-        if self.rig_name and rig_name and self.rig_name != rig_name:
-            raise ConfigError(
-                f'{source}: identified on rig {self.rig_name!r}, expected {rig_name!r} (rig_name'
-                ' of the rig file)'
-            )
+        refuse_other(self.rig_name, rig_name, source, 'identified')
 
     @cached_property
     def nonlinear_critical_speed(self) -> float | None:
@@ -185,8 +182,10 @@ class IdentifiedNormalForm:
         ConfigError
             If the text is not YAML, or a value is missing or impossible.
         """
-        document = yaml_document(text, source)
-        return cls.from_parameters(_find_group(document, source), source)
+        group = _find_group(yaml_document(text, source))
+        if group is None:
+            raise ConfigError(f'{source}: no normal_form group in it')
+        return cls.from_parameters(group, source)
 
     @classmethod
     def from_parameters(
@@ -243,15 +242,11 @@ class IdentifiedNormalForm:
         return math.sqrt(max(0.0, float(self.covariance[index, index])))
 
 
-def _find_group(document: object, source: str) -> Mapping[str, Any]:
+def _find_group(document: object) -> Mapping[str, Any] | None:
     """Find the `normal_form` group: bare, or under any node name of a ROS parameter file."""
-    if isinstance(document, Mapping):
-        if 'normal_form' in document and isinstance(document['normal_form'], Mapping):
-            return document['normal_form']
-        for value in document.values():
-            if isinstance(value, Mapping):
-                try:
-                    return _find_group(value, source)
-                except ConfigError:
-                    continue
-    raise ConfigError(f'{source}: no normal_form group in it')
+    if not isinstance(document, Mapping):
+        return None
+    group = document.get('normal_form')
+    if isinstance(group, Mapping):
+        return group
+    return next(filter(None, map(_find_group, document.values())), None)

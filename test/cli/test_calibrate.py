@@ -62,7 +62,7 @@ def test_points_that_bend_are_named(folder, capsys) -> None:
         (['a.yaml', '--points', '1=1,2=2', '--unit', 'furlong'], '--unit furlong: expected one'),
         (
             ['a.yaml', '--points', '1=1,2=2', '--range', '3,2'],
-            'argument --range: expected a lower',
+            'range: (3.0, 2.0), expected a lower',
         ),
         (['old.yaml', '--points', '1=1,2=2'], 'old.yaml: is there already'),
         (['a.yaml'], '--points'),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from unittest import mock
 
 import pytest
 from made import PAPER
@@ -11,7 +12,7 @@ from made import PAPER
 from hunt_ros.bag import read_record
 from hunt_ros.cli.main import VERBS, main, module_of, parser_of
 from hunt_ros.cli.support.options import Parser, settings_of
-from hunt_ros.cli.support.output import tell, write_json
+from hunt_ros.cli.support.output import Found, tell
 from hunt_ros.detection import DetectorConfig
 from hunt_ros.detection.output import EVENT_NUMBERS
 from hunt_ros.samples import known
@@ -73,7 +74,7 @@ def test_json_never_holds_nan(tmp_path) -> None:
     assert known(float('nan')) is None
     assert known(float('inf')) is None
     with pytest.raises(ValueError, match='not JSON compliant'):
-        write_json({'x': float('nan')}, str(tmp_path / 'x.json'))
+        tell(Found({'x': float('nan')}, []), str(tmp_path / 'x.json'))
 
 
 def test_replay_runs_criteria_and_forecast_beside_the_detector(capsys) -> None:
@@ -158,7 +159,8 @@ def test_the_services_of_the_table_stand_in_the_page_of_the_topics() -> None:
 
 def test_a_reader_that_goes_away_leaves_the_json_that_was_asked_for(tmp_path, monkeypatch) -> None:
     """`hunt check BAG --json found.json | head -1`: the file is the result."""
-    monkeypatch.setattr('builtins.print', lambda text: (_ for _ in ()).throw(BrokenPipeError))
+    gone = mock.Mock(side_effect=BrokenPipeError)
+    monkeypatch.setattr('builtins.print', gone)
     with pytest.raises(BrokenPipeError):
-        tell(str(tmp_path / 'found.json'), lambda: {'found': 1}, lambda: 'found')
+        tell(Found({'found': 1}, ['found']), str(tmp_path / 'found.json'))
     assert json.loads((tmp_path / 'found.json').read_text()) == {'found': 1}

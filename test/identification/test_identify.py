@@ -281,8 +281,9 @@ def test_scales_are_only_units(records, from_sweep):
     assert dict(other.scales_from) == {'length': 'given', 'time': 'given'}
     assert not any('time_scale_s' in warning for warning in other.warnings)
     assert any('time_scale_s' in warning for warning in from_sweep.warnings)
-    assert 'rig of the paper' in describe(from_sweep)
-    assert 'effective between 6 and 8.8 m/s: D7, D10, D15' in describe(from_sweep)
+    told = '\n'.join(describe(from_sweep))
+    assert 'rig of the paper' in told
+    assert 'effective between 6 and 8.8 m/s: D7, D10, D15' in told
     speeds = [6.8, 7.6]
     np.testing.assert_allclose(
         other.normal_form.form.unstable_amplitude(speeds),
@@ -377,7 +378,7 @@ def test_kicks_that_die_bound_the_critical_speed_from_below(make):
     result = identify(runs)
     assert result.to_json()['observed']['v_c'] is None
     assert result.bracket.v_c == pytest.approx(7.5, rel=0.01)
-    assert 'seen: v_c above' in describe(result)
+    assert 'seen: v_c above' in '\n'.join(describe(result))
 
 
 def test_a_critical_speed_below_the_data_is_a_forecast_from_where_they_begin(make):
@@ -433,7 +434,7 @@ def test_a_wing_that_rests_and_cycles_at_one_speed_is_subcritical_by_what_was_se
         channels = {x: Series(stamps, given[x]) for x in ('lateral', 'yaw', 'speed')}
         records.append(Record(channels, name))
     result = identify(records, IdentificationSettings(lines=(), hunting_frequency_hz=4.0))
-    first = describe(result).splitlines()[:5]
+    first = describe(result)[:5]
     assert 'subcritical: rest (' in first[0]
     assert 'limit cycle (' in first[0]
     assert first[1].startswith('seen: v_n between ')

@@ -278,20 +278,16 @@ def add_settings(
     described = {item.name: item for item in fields(kind)}
     for option, name in names.items():
         about, default = described[name].metadata, described[name].default
-        help_, unit = about['description'].replace('%', '%%'), about['unit']
-        if isinstance(default, bool):
-            parser.add_argument(option, dest=name, **FLAG, help=help_)
-            continue
-        low, high = about['low'], about['high']
-        one, shown = (
-            number(low or 0.0, _BIG if high is None else high, unit),
-            (unit or 'x').upper(),
-        )
+        unit = about['unit']
+        one = number(about['low'] or 0.0, about['high'] or _BIG, unit)
+        how: dict[str, Any] = {'type': one, 'metavar': (unit or 'x').upper()}
         if isinstance(default, tuple):
-            one, shown = numbers(one), 'X,...'
-        elif default:
-            help_ += f' ({default:g})'
-        parser.add_argument(option, dest=name, type=one, metavar=shown, help=help_)
+            how = {'type': numbers(one), 'metavar': 'X,...'}
+        elif isinstance(default, bool):
+            how = FLAG
+        usual = f' ({default:g})' if default else ''
+        described_as = about['description'].replace('%', '%%') + usual
+        parser.add_argument(option, dest=name, **how, help=described_as)
 
 
 def given_settings(arguments: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:

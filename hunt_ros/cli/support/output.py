@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from hunt_ros.files import write_whole
 
@@ -14,49 +13,57 @@ from hunt_ros.files import write_whole
 Advance: TypeAlias = Callable[[float], None]
 
 
-def write_json(document: Mapping[str, Any], target: str) -> None:
+class Found(NamedTuple):
     """
-    Write a result for machines.
+    What a verb has found.
 
     Parameters
     ----------
     document : mapping
-        JSON types and numpy numbers; no NaN and no inf: what is not known is None.
-    target : str
-        Path of a file, or '-' for standard output.
+        For machines: JSON types and numpy numbers; no NaN and no inf: what is not known is None.
+    lines : sequence of str
+        For a person.
+    code : int
+        Exit code.
+    """
+
+    document: Mapping[str, Any]
+    lines: Sequence[str]
+    code: int = 0
+
+
+def tell(found: Found, target: str | None) -> int:
+    """
+    Say what a verb has found: as JSON where `--json` asks for it, and to a person.
+
+    Parameters
+    ----------
+    found : Found
+        What it is.
+    target : str or None
+        Of `--json`: path of a file; where it is '-' nothing else stands on standard output.
+
+    Returns
+    -------
+    int
+        The exit code.
 
     Raises
     ------
     HuntError
         If the file cannot be written.
     ValueError
-        If a number is not finite (a fault of the caller).
+        If a number is not finite (a fault of the verb).
     """
-    text = json.dumps(document, indent=2, allow_nan=False, default=_plain) + '\n'
-    if target == '-':
-        sys.stdout.write(text)
-        sys.stdout.flush()
-        return
-    write_whole(target, text, 'result')
-
-
-def tell(
-    target: str | None, document: Callable[[], Mapping[str, Any]], text: Callable[[], str]
-) -> None:
-    """
-    Say what a verb has found: as JSON where `--json` asks for it, and to a person.
-
-    Parameters
-    ----------
-    target : str or None
-        Of `--json`; where it is '-' nothing else stands on standard output.
-    document, text : callable
-        Return it.
-    """
+    text = '\n'.join(found.lines)
     if target:  # first: a reader that goes away (`hunt ... | head`) ends the printing
-        write_json(document(), target)
-    if target != '-':
-        print(text())
+        document = json.dumps(found.document, indent=2, allow_nan=False, default=_plain)
+        if target == '-':
+            text = document
+        else:
+            write_whole(target, document + '\n', 'result')
+    print(text, flush=True)
+    return found.code
 
 
 def _plain(value: Any) -> Any:

@@ -15,7 +15,7 @@ from hunt_ros.cli.support.output import progress
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError, HuntError
 from hunt_ros.identification import Identification, IdentificationSettings, Source, identify
-from hunt_ros.rig import Rig
+from hunt_ros.rig import refuse_other
 from hunt_ros.samples import CHANNELS, Record
 from hunt_ros.settings import Settings
 
@@ -41,18 +41,17 @@ _SHORT = {
 
 
 def add_recordings(
-    parser: argparse.ArgumentParser, what: str = 'recordings', **nodes: tuple[type[Settings], ...]
+    parser: options.Parser, what: str = 'recordings', **nodes: tuple[type[Settings], ...]
 ) -> None:
     """Add what to read and how to identify; `--set` takes the settings of these nodes too."""
-    add = partial(options.add, parser)
-    add('bags', nargs='+', metavar='BAG', help=what)
-    add('--channel', '--rig', '--seed')
+    parser.add('bags', nargs='+', metavar='BAG', help=what)
+    parser.add('--channel', '--rig', '--seed')
     example = 'roller_diameter_m=0.3, lines=[], prior_v_c=[8.0,0.05]'
     options.add_set(parser, example, _SHORT, **{_NODE: (IdentificationSettings,)}, **nodes)
     left = 'leave out these s since the start of each recording, or of the Nth; repeatable'
-    add('--ignore', type=_interval, action='append', metavar='[N:]FROM:TO', help=left)
+    parser.add('--ignore', type=_interval, action='append', metavar='[N:]FROM:TO', help=left)
     where = 'Dask scheduler, tcp://host:8786; its workers read the recordings by the same paths'
-    add('--cluster', metavar='ADDRESS', help=where)
+    parser.add('--cluster', metavar='ADDRESS', help=where)
 
 
 def _interval(text: str) -> tuple[float, float, int]:
@@ -144,17 +143,18 @@ def whole_of(parameter_file: Path) -> Path:
     return parameter_file.with_suffix('.npz')
 
 
-def _read(path: str, place: str, channels: Mapping[str, ChannelSource], rig: Rig) -> Record:
+def _read(path: str, place: str, channels: Mapping[str, ChannelSource], rig_name: str) -> Record:
     """Read one recording, in whatever process; `place` is the same from any folder."""
     record = read_record(place, channels, require=('lateral', 'speed'))
     record = check_units(replace(record, source=path))
-    rig.refuse_other(record.notes.get('rig', ''), path)
+    refuse_other(record.notes.get('rig', ''), rig_name, path)
     return record
 
 
 def _readings(arguments: argparse.Namespace) -> list[partial[Record]]:
-    channels, rig = options.channels_of(arguments, CHANNELS), options.rig_of(arguments, _NODE)
+    channels = options.channels_of(arguments, CHANNELS)
+    rig_name = options.rig_of(arguments, _NODE).rig_name
     return [
-        partial(_read, str(path), str(Path(path).absolute()), channels, rig)
+        partial(_read, str(path), str(Path(path).absolute()), channels, rig_name)
         for path in arguments.bags
     ]

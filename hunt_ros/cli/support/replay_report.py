@@ -84,7 +84,7 @@ def lines_of(
     found: Findings,
     remarks: Sequence[str],
     speed_unit: str,
-) -> str:
+) -> list[str]:
     """Return remarks, events in their order, and the summary as lines for a person."""
     lines = list(remarks)
     for event in found.events:
@@ -103,7 +103,7 @@ def lines_of(
         if (speed := forecast.critical_speed) is not None:
             told = f'{speed.with_interval("m/s")}, {counted(forecast.levels, "speed level")}'
         lines.append(f'v_c from the quiet response: {told}')
-    return Words(speed_unit).in_unit('\n'.join(lines))
+    return list(map(Words(speed_unit).in_unit, lines))
 
 
 def _lasted_s(found: Findings) -> float:

@@ -50,11 +50,6 @@ class Motion:
     escape_chance: float = math.nan
     forecast_mps: float = math.nan
 
-    @property
-    def form_alone(self) -> Motion:
-        """What is left where nothing is heard of the motion any more."""
-        return Motion().with_form(self)
-
     def with_form(self, before: Motion) -> Motion:
         """Return it with the form of another one where it tells none."""
         kept = {

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from hunt_ros.dynamics.profile.step import Leg, Motion, Scene, Step
 from hunt_ros.errors import ConfigError
-from hunt_ros.settings import checked, setting
+from hunt_ros.settings import setting
 
 #: Of a value that must be given.
 _REQUIRED = math.nan
@@ -341,21 +341,18 @@ class Seesaw(Step):
 class Corners(Step):
     """Straight lines between corners, counted from the beginning of the step."""
 
-    times_s: tuple[float, ...] = setting((), 'times of the corners, the first 0', unit='s')
-    speeds_mps: tuple[float, ...] = setting((), 'speeds there', unit='m/s')
+    times_s: tuple[float, ...] = setting((), 'of the corners, the first 0', unit='s', low=0.0)
+    speeds_mps: tuple[float, ...] = setting((), 'speeds there', unit='m/s', low=0.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if len(self.times_s) != len(self.speeds_mps) or not self.times_s:
             raise ConfigError(f'{len(self.times_s)} times for {len(self.speeds_mps)} speeds')
-        for time_s, speed in zip(self.times_s, self.speeds_mps, strict=True):
-            checked('times_s', time_s)
-            checked('speeds_mps', speed, 'not be negative')
         if self.times_s[0] != 0.0:
-            raise ConfigError(f'times_s: must begin at 0 s, got {self.times_s[0]}')
+            raise ConfigError(f'times_s: must begin at 0 s, got {self.times_s[0]:g}')
         for before, after in itertools.pairwise(self.times_s):
             if not after > before:
-                raise ConfigError(f'times_s: {after} s comes after {before} s')
+                raise ConfigError(f'times_s: {after:g} s comes after {before:g} s')
 
     def legs(self, scene: Scene) -> Iterator[Leg]:
         """One leg between two corners; the first speed is reached as fast as the drive may."""

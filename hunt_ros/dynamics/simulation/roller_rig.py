@@ -90,6 +90,11 @@ class RollerRig:
     seed : int
         Of everything random. Forcing and sensors have streams of their own: a
         noisier sensor does not change the motion.
+
+    Attributes
+    ----------
+    target_speed : float
+        Set point of the drive, m/s.
     """
 
     def __init__(
@@ -110,20 +115,8 @@ class RollerRig:
         streams = np.random.SeedSequence(self.seed).spawn(4)
         self._forcing, self._noise, _, start = map(np.random.default_rng, streams)
         self._count = 0
-        self._target = self.settings.initial_speed
+        self.target_speed = self.settings.initial_speed
         self._state = self._settled(start)
-
-    @property
-    def target_speed(self) -> float:
-        """Set point of the drive, m/s."""
-        return self._target
-
-    @target_speed.setter
-    def target_speed(self, speed: float) -> None:
-        """Give the drive a set point, m/s."""
-        if not (math.isfinite(speed) and speed >= 0.0):
-            raise ConfigError(f'target speed must not be negative, got {speed} m/s')
-        self._target = float(speed)
 
     @property
     def speed(self) -> float:
@@ -184,11 +177,11 @@ class RollerRig:
         if count < 0:
             raise ConfigError(f'cannot advance by {count} samples')
         if targets is None:
-            targets = np.full(count, self._target)
-        elif targets.shape != (count,) or not (targets >= 0.0).all() or np.isinf(targets).any():
-            raise ConfigError(f'{count} samples need as many set points, finite and not negative')
+            targets = np.full(count, self.target_speed)
         elif count:
-            self._target = float(targets[-1])
+            self.target_speed = float(targets[-1])
+        if targets.shape != (count,) or not (targets >= 0.0).all() or np.isinf(targets).any():
+            raise ConfigError(f'{count} samples need as many set points, finite and not negative')
         forcing = self._forcing.standard_normal((count, self._substeps))
         noise = self._noise.standard_normal((count, 3))
         out = np.empty((4, count))

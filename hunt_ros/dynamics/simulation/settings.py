@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from hunt_ros.settings import Settings, checked, setting
+from hunt_ros.settings import Settings, setting
 
 
 @dataclass(frozen=True)
-class Roughness:
+class Roughness(Settings):
     """
     Run-out of the rolling surfaces, tied to the angle of the roller.
 
@@ -20,32 +20,15 @@ class Roughness:
     du/dx, which adds to psi in the lateral creep force of Eq. (2). Its lines lie
     at the multiples of f_r = v / (pi D), Eq. (1).
 
-    Parameters
-    ----------
-    amplitudes : tuple of float
-        Amplitude, m, of the line in y at roller orders 1, 2, ... at
-        `reference_speed`, as the quiet wheelset shows it. The surface that makes
-        it is derived from the linear response, and stays the same at all speeds.
-    wheel_amplitudes : tuple of float
-        The same for orders of the wheel, which turns D / (2 r0) times as fast
-        (28 Hz at 6.4 m/s on the paper's rig: above its hunting, but it may alias).
-    reference_speed : float
-        m/s.
-
-    Raises
-    ------
-    ConfigError
-        For a negative or non-finite amplitude.
+    Amplitudes are those of the lines in y at `reference_speed`, as the quiet wheelset shows them;
+    the surface that makes them is derived from the linear response, and stays the same at all
+    speeds. Those of the wheel, which turns D / (2 r0) times as fast, lie at 28 Hz at 6.4 m/s on
+    the paper's rig: above its hunting, but they may alias.
     """
 
-    amplitudes: tuple[float, ...] = ()
-    wheel_amplitudes: tuple[float, ...] = ()
-    reference_speed: float = 7.2
-
-    def __post_init__(self) -> None:
-        for value in (*self.amplitudes, *self.wheel_amplitudes):
-            checked('roughness amplitude', value, 'not be negative')
-        checked('roughness reference_speed', self.reference_speed, 'be positive')
+    amplitudes: tuple[float, ...] = setting((), 'at orders 1, 2, ... of the roller', low=0.0)
+    wheel_amplitudes: tuple[float, ...] = setting((), 'at those of the wheel', low=0.0)
+    reference_speed: float = setting(7.2, 'where they are so large', low=1e-3, high=1e3)
 
 
 @dataclass(frozen=True)
