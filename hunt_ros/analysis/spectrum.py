@@ -25,6 +25,9 @@ STUCK = 1e-12
 #: Half the width of the main lobe of the Hann window, in bins.
 LOBE = 2
 
+#: Length of the segments averaged, s (shorter records: the whole), and roughness lines looked for.
+_SEGMENT_S, _ORDERS = 20.0, 3
+
 
 @dataclass(frozen=True)
 class Line:
@@ -84,11 +87,9 @@ def roughness_frequency(speed: float, roller_diameter_m: float = 0.3, order: int
 def power_spectrum(
     values: ArrayLike,
     rate_hz: float,
+    hunting_hz: float,
     speed: float = math.nan,
     roller_diameter_m: float = 0.3,
-    hunting_band_hz: tuple[float, float] = (1.0, 5.0),
-    segment_s: float = 20.0,
-    orders: int = 3,
 ) -> Spectrum:
     """
     Power spectrum by Welch's method, with hunting and roughness named.
@@ -99,16 +100,12 @@ def power_spectrum(
         Uniform samples of y (m) or psi (rad).
     rate_hz : float
         Sample rate, Hz.
+    hunting_hz : float
+        Hunting frequency of the rig, Hz: the line is looked for within half an octave of it.
     speed : float
         Mean running speed, m/s; NaN: no line is called roughness.
     roller_diameter_m : float
         D of Eq. (1), m.
-    hunting_band_hz : (float, float)
-        Where hunting is looked for; (B-1) puts it between the natural frequencies.
-    segment_s : float
-        Length of the segments averaged, s (shorter records: the whole).
-    orders : int
-        Roughness lines looked for.
 
     Returns
     -------
@@ -124,7 +121,7 @@ def power_spectrum(
     Welch 1967, IEEE Trans. Audio Electroacoust. 15, 70-73. The paper, Eq. (1), Fig. 5.
     """
     array = checked(values, 64, 'spectrum')
-    size = min(array.size, max(round(segment_s * rate_hz), 64))
+    size = min(array.size, max(round(_SEGMENT_S * rate_hz), 64))
     if float(np.ptp(array)) <= STUCK * float(np.abs(array).max()):
         array = np.zeros_like(array)  # varies by rounding only
     frequency, density = signal.welch(
@@ -133,14 +130,14 @@ def power_spectrum(
     segments = max(array.size / size, 1.0)
     found = []
     if math.isfinite(speed) and speed > 0.0:
-        for order in range(1, orders + 1):
+        for order in range(1, _ORDERS + 1):
             expected = roughness_frequency(speed, roller_diameter_m, order)
             name = 'roughness' if order == 1 else f'roughness {order}'
             near = np.abs(frequency - expected) <= max(0.02 * expected, 2.0 * rate_hz / size)
             line = _line(name, frequency, density, near, segments)
             if line is not None:
                 found.append(line)
-    near = (frequency >= hunting_band_hz[0]) & (frequency <= hunting_band_hz[1])
+    near = (frequency > math.sqrt(0.5) * hunting_hz) & (frequency < math.sqrt(2.0) * hunting_hz)
     for line in found:
         # Past its main lobe a line leaks 1/(pi k (k^2 - 1)) of its amplitude, k bins away.
         bins = np.abs(frequency - line.frequency_hz) * size / rate_hz

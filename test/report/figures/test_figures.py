@@ -239,10 +239,10 @@ def test_the_overview_marks_the_events_at_their_time() -> None:
 def test_a_stretch_that_cannot_be_analysed_says_so_panel_by_panel() -> None:
     stamps = np.arange(100) * 10_000_000
     short = Record({'lateral': Series(stamps, 1e-4 * np.sin(0.2 * np.arange(100)))}, 'short')
-    response = response_of(short, 7.0)
+    response = response_of(short, 7.0, 2.84)
     assert 'not known' in words(response_panels(response, 'a'))
     lost = Record({'lateral': Series(stamps, np.full(100, np.nan))}, 'lost')
-    response = response_of(lost, 7.0)
+    response = response_of(lost, 7.0, 2.84)
     assert list(response.unknown) == ['time history']
     assert response.kind == 'not known'
     assert words(response_panels(response)).count('not known') == 4
