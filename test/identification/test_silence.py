@@ -205,6 +205,13 @@ def test_no_coefficient_and_no_fold_without_support(outcome, name):
     assert document['branches'] == []
 
 
+@pytest.mark.parametrize('name', ['one speed only', 'one speed only, two runs'])
+def test_that_there_is_one_speed_only_comes_before_other_reasons(outcome, name):
+    unknown = outcome(name)['unknown']
+    for key in ('v_c', 'v_n', 'hysteresis_width', 'supercritical_probability', 'correlations'):
+        assert unknown[key].startswith('one speed only'), key
+
+
 @pytest.mark.parametrize(
     'name',
     ['millimetres as metres', 'metres as millimetres', 'speed in mm/s', 'second speed in km/h'],
