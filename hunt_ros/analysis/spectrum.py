@@ -16,8 +16,6 @@ from scipy import signal
 
 from hunt_ros.analysis.uniform import checked
 
-#: Where hunting is looked for, Hz; (B-1) puts it between the natural frequencies.
-HUNTING_HZ = 1.0, 5.0
 #: Roughness lines looked for; and the length of the segments averaged, s (or a shorter record's).
 ORDERS, SEGMENT_S = 3, 20.0
 #: A line must stand above the spectrum around it by this factor (in power) to be named.
@@ -79,7 +77,9 @@ def roughness_frequency(speed: float, roller_diameter_m: float) -> float:
     return speed / (math.pi * roller_diameter_m)
 
 
-def power_spectrum(values: ArrayLike, rate_hz: float, roller_hz: float = 0.0) -> Spectrum:
+def power_spectrum(
+    values: ArrayLike, rate_hz: float, hunting_hz: float, roller_hz: float = 0.0
+) -> Spectrum:
     """
     Power spectrum by Welch's method, with hunting and roughness named.
 
@@ -89,6 +89,8 @@ def power_spectrum(values: ArrayLike, rate_hz: float, roller_hz: float = 0.0) ->
         Uniform samples of y (m) or psi (rad).
     rate_hz : float
         Sample rate, Hz.
+    hunting_hz : float
+        Hunting frequency of the rig, Hz: the line is looked for within half an octave of it.
     roller_hz : float
         Revolutions of the roller a second, `roughness_frequency`; 0: no line is called roughness.
 
@@ -121,7 +123,7 @@ def power_spectrum(values: ArrayLike, rate_hz: float, roller_hz: float = 0.0) ->
         line = _line(name, frequency, density, near, segments)
         if line is not None:
             found.append(line)
-    near = (frequency >= HUNTING_HZ[0]) & (frequency <= HUNTING_HZ[1])
+    near = (frequency > math.sqrt(0.5) * hunting_hz) & (frequency < math.sqrt(2.0) * hunting_hz)
     for line in found:
         # Past its main lobe a line leaks 1/(pi k (k^2 - 1)) of its amplitude, k bins away.
         bins = np.abs(frequency - line.frequency_hz) * size / rate_hz

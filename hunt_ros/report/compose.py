@@ -233,9 +233,11 @@ class Report:
 
     def _response(self, state: SteadyState) -> Response:
         """Analyse the record over a steady state."""
-        record = next(x for x in self.identification.records if x.source == state.source)
+        one = self.identification
+        record = next(x for x in one.records if x.source == state.source)
         stretch = record.between(state.start_ns, state.end_ns)
-        return response_of(stretch, state.speed, self.roller_diameter)
+        hunting = math.nan if one.frequency_hz is None else one.frequency_hz.value
+        return response_of(stretch, state.speed, hunting, self.roller_diameter)
 
     def _sections(self, placed: Mapping[str, str]) -> list[Section]:
         one = self.identification

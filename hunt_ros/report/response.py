@@ -79,7 +79,9 @@ class Response:
         return 'one point a revolution of the roller'
 
 
-def response_of(record: Record, speed: float, diameter: float | None = None) -> Response:
+def response_of(
+    record: Record, speed: float, hunting_hz: float, diameter: float | None = None
+) -> Response:
     """
     Analyse a steady stretch of a record.
 
@@ -89,6 +91,8 @@ def response_of(record: Record, speed: float, diameter: float | None = None) -> 
         Cut to the stretch; `lateral`, and `roller` where there is one.
     speed : float
         Mean running speed there, m/s.
+    hunting_hz : float
+        Hunting frequency of the rig, Hz.
     diameter : float, optional
         Of the roller, m, where its angle was not recorded: its revolutions are then
         counted from the speed, Eq. (1). With neither, the motion is cut at a phase of its
@@ -123,6 +127,10 @@ def response_of(record: Record, speed: float, diameter: float | None = None) -> 
     # Without a roller no line is its roughness, and there is no revolution to cut at.
     turns = 0.0 if angle is None else abs(float(angle[-1] - angle[0])) / (2.0 * math.pi)
 
+    def spectrum() -> Spectrum:
+        """Name the lines of hunting and of the roller."""
+        return power_spectrum(lateral, rate, hunting_hz, turns / float(seconds[-1]))
+
     def section() -> PoincareSection:
         """Cut at the revolutions of the roller, without these at those of the motion itself."""
         if angle is not None:
@@ -135,7 +143,7 @@ def response_of(record: Record, speed: float, diameter: float | None = None) -> 
         speed,
         seconds,
         lateral - lateral.mean(),
-        tried('power spectrum', lambda: power_spectrum(lateral, rate, turns / float(seconds[-1]))),
+        tried('power spectrum', spectrum),
         tried('phase portrait', lambda: phase_portrait(lateral, rate)),
         tried('section', section),
         unknown,

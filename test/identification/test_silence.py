@@ -101,7 +101,7 @@ CASES = {
     'speed of infinity': speed(lambda v: np.inf),
     'stands at first': lambda make, loop, stairs: [make(quiet_start, 180.0, 5, forcing=5e-6)],
     'constant lateral': lateral(lambda y: 1e-4),
-    'lateral zero': lateral(lambda y: 0.0),
+    'lateral zero': lateral(lambda y: -0.0),
     'millimetres as metres': lateral(lambda y: 1e3 * y),
     'metres as millimetres': lateral(lambda y: 1e-3 * y),
     'speed in mm/s': speed(lambda v: 1e3 * v),
@@ -174,6 +174,7 @@ def test_bad_input_is_refused_in_a_line_or_every_null_has_its_reason(outcome, na
         ('speed zero', '0.00 m/s while the encoder turns'),
         ('speed NaN', "'speed' has no finite sample"),
         ('constant lateral', 'lateral is 0.0001 m throughout'),
+        ('lateral zero', 'lateral is 0 m throughout'),
         ('yaw only', "no channel 'lateral'"),
         ('no speed', "no channel 'speed'"),
         ('noise only', 'no hunting motion stands out'),
@@ -202,6 +203,13 @@ def test_no_coefficient_and_no_fold_without_support(outcome, name):
     assert document['coefficients']['D15'] is None
     assert document['correlations'] is None  # no normal form
     assert document['branches'] == []
+
+
+@pytest.mark.parametrize('name', ['one speed only', 'one speed only, two runs'])
+def test_that_there_is_one_speed_only_comes_before_other_reasons(outcome, name):
+    unknown = outcome(name)['unknown']
+    for key in ('v_c', 'v_n', 'hysteresis_width', 'supercritical_probability', 'correlations'):
+        assert unknown[key].startswith('one speed only'), key
 
 
 @pytest.mark.parametrize(

@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 import re
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from made import FLUTTER, flutter_runs, held, numbers, rig_settings, up_and_down
+from records_made import held_speeds
 from report_made import assert_self_contained
 
 from hunt_ros.bag import write_record
 from hunt_ros.cli.main import main
+from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import SimulationSettings, simulate
 from hunt_ros.identification import identify
@@ -175,6 +178,17 @@ def test_a_quiet_run_makes_a_report_that_says_what_cannot_be_known() -> None:
 
 
 @pytest.mark.skipif(not FLUTTER.is_dir(), reason='the flutter-rig recordings are not there')
+def test_the_hunting_line_is_that_of_the_rig_whatever_its_frequency() -> None:
+    form = replace(PAPER_NORMAL_FORM, frequency_hz=7.5)
+    record = held_speeds([6.0, 6.8, 7.2, 8.6], 40.0, 4.0, 1, form=form, forcing=4e-6)
+    report = Report(identify(record))
+    spectrum = report.responses['d'].spectrum
+    assert spectrum is not None
+    line = spectrum.line('hunting')
+    assert line is not None
+    assert line.frequency_hz == pytest.approx(7.5, abs=0.2)
+
+
 def test_a_campaign_on_a_real_rig_claims_no_fold_and_draws_what_was_measured() -> None:
     report = Report(identify(flutter_runs('17092018_CBC_V???_*HB.mat')))
     page = report.html(report.drawings())

@@ -70,12 +70,12 @@ _NEEDS: Mapping[str, tuple[str, ...]] = {
         (*_CUBIC, 'agree', 'fits'),
     ),
     'criticality': _SHAPE,
-    'supercritical_probability': ('critical', *_ONSET, 'small'),
-    'hysteresis_below': ('critical', *_ONSET, 'small', 'agree', 'fits'),
+    'supercritical_probability': ('speeds', 'critical', *_ONSET, 'small'),
+    'hysteresis_below': ('speeds', 'critical', *_ONSET, 'small', 'agree', 'fits'),
     'correlations': (*_CUBIC, 'limited', 'agree', 'fits'),
     **dict.fromkeys(('v_n', 'fold_amplitude_m'), _FOLD),
     'disturbance_m': (*_FOLD, 'small'),
-    'hysteresis_width': ('critical', *_FOLD, 'small'),
+    'hysteresis_width': ('speeds', 'critical', *_FOLD, 'small'),
 }
 
 

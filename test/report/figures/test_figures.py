@@ -226,10 +226,10 @@ def test_the_overview_marks_the_events_at_their_time() -> None:
 def test_a_stretch_that_cannot_be_analysed_says_so_panel_by_panel() -> None:
     stamps = np.arange(100) * 10_000_000
     short = Record({'lateral': Series(stamps, 1e-4 * np.sin(0.2 * np.arange(100)))}, 'short')
-    response = response_of(short, 7.0)
+    response = response_of(short, 7.0, 2.84)
     assert 'not known' in words(response_panels(response, 'a'))
     lost = Record({'lateral': Series(stamps, np.full(100, np.nan))}, 'lost')
-    response = response_of(lost, 7.0)
+    response = response_of(lost, 7.0, 2.84)
     assert list(response.unknown) == ['time history']
     assert response.kind == 'not known'
     assert words(response_panels(response)).count('not known') == 4
@@ -242,7 +242,7 @@ def test_without_an_encoder_a_diameter_tells_the_revolutions(
     time = np.arange(6000) / 100.0
     wave = 1e-3 * np.sin(2 * np.pi * 2.8 * time) + 1e-4 * np.sin(2 * np.pi * 7.64 * time)
     record = Record({'lateral': Series(np.arange(6000) * 10_000_000, wave)}, 'no encoder')
-    response = response_of(record, 7.2, diameter)
+    response = response_of(record, 7.2, 2.84, diameter)
     assert response.section is not None
     assert response.section.cut == cut
     assert response.spectrum is not None
