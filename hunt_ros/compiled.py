@@ -59,12 +59,10 @@ _NAME = _PACKAGE.name
 _TAG = str(sys.implementation.cache_tag)
 
 
-def _switched_off() -> bool:
-    return os.environ.get('NUMBA_DISABLE_JIT', '0') not in ('', '0')
-
-
 #: True where kernels run as machine code: numba is there, and nobody has switched it off.
-HAVE_COMPILER: bool = find_spec('numba') is not None and not _switched_off()
+HAVE_COMPILER: bool = find_spec('numba') is not None and os.environ.get(
+    'NUMBA_DISABLE_JIT', '0'
+) in ('', '0')
 
 #: Every kernel that Python calls, by its full name, once its module is imported.
 KERNELS: dict[str, Any] = {}

@@ -8,7 +8,7 @@ from typing import Any
 
 from hunt_ros.bag.inspection import Inspection, inspect
 from hunt_ros.bag.mcap.file import REPAIR
-from hunt_ros.bag.repair import Repair, repair
+from hunt_ros.bag.repair import repair
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import Found, progress
 from hunt_ros.errors import BagError
@@ -45,23 +45,19 @@ def run(arguments: argparse.Namespace) -> Found:
     document: dict[str, Any] = {'problems': [problem]} if found is None else found.to_json()
     lines = [unreadable] if found is None else _lines(found)
     if repaired is not None:
-        document['repair'] = _repair_json(repaired)
+        document['repair'] = {
+            'path': str(repaired.path),
+            'messages': repaired.messages,
+            'saved': dict(repaired.saved),
+            'lost_bytes': repaired.lost_bytes,
+            'lost_chunks_s': [(last - first) / 1e9 for first, last in repaired.lost_spans_ns],
+            'problems': repaired.problems,
+            'left_out': repaired.left_out,
+        }
         lines += [f'repaired: {repaired}', *(f'  {problem}' for problem in repaired.problems)]
         lines = [line.replace(REPAIR, '') for line in lines]  # it is what has just been done
         return Found(document, lines, 1 if repaired.left_out else 0)
     return Found(document, lines, 1 if found is not None and found.problems else 0)
-
-
-def _repair_json(repaired: Repair) -> dict[str, object]:
-    return {
-        'path': str(repaired.path),
-        'messages': repaired.messages,
-        'saved': dict(repaired.saved),
-        'lost_bytes': repaired.lost_bytes,
-        'lost_chunks_s': [(last - first) / 1e9 for first, last in repaired.lost_spans_ns],
-        'problems': repaired.problems,
-        'left_out': repaired.left_out,
-    }
 
 
 def _lines(found: Inspection) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS
 from hunt_ros.report.figures.diagram import MODEL_COLOURS, Curve, bifurcation_diagram, form_curve
-from hunt_ros.report.numbers import shown
+from hunt_ros.report.numbers import rounded, shown
 from hunt_ros.report.tables import SYMBOLS, table
 from hunt_ros.samples import Uncertain, Unknown
 
@@ -98,4 +98,5 @@ def _difference(first: Uncertain | Unknown, second: Uncertain | Unknown) -> list
         return ['', '']
     std = math.hypot(first.std, second.std)
     change = Uncertain(second.value - first.value, std)
-    return [shown(change), shown(change.value / std, digits=2) if 0.0 < std < math.inf else '']
+    known = 0.0 < std < math.inf
+    return [rounded(change)[0], rounded(change.value / std, digits=2)[0] if known else '']

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from hunt_ros.dynamics.normal_form import COEFFICIENTS, PAPER_NORMAL_FORM
 from hunt_ros.report.events import sentence
-from hunt_ros.report.numbers import interval, shown
+from hunt_ros.report.numbers import interval, rounded, shown
 from hunt_ros.report.response import Response
 from hunt_ros.samples import NANOSECONDS, Record, Uncertain, Unknown
 
@@ -122,7 +122,7 @@ def critical_speeds(one: Identification) -> str:
             shown(one.quantity(key)),
             interval(one.quantity(key)),
             shown(_known(one, seen, f'observed.{key}'), digits=3) + _between(bounds),
-            *([shown(published)] if _paper_rig(one) else []),
+            *([rounded(published)[0] if published else ''] if _paper_rig(one) else []),
         ]
         for key, words, seen, bounds, published in (
             ('v_c', 'linear critical speed', observed.v_c, observed.v_c_between,
@@ -208,7 +208,7 @@ def _paper_header(one: Identification) -> list[str]:
 def _as_published(value: float) -> str:
     """Return a number with the digits it was published with."""
     digits = len(Decimal(repr(value)).normalize().as_tuple().digits)
-    return shown(value, digits=digits)
+    return rounded(value, digits=digits)[0]
 
 
 def correlations(one: Identification) -> str:
@@ -379,7 +379,7 @@ def _line(line: Line | None) -> str:
     if line is None:
         return 'none stands out'
     frequency = Uncertain(line.frequency_hz, line.frequency_std)
-    return f'{shown(frequency)} Hz, {shown(line.amplitude, 1e3, 3)} mm'
+    return f'{rounded(frequency)[0]} Hz, {rounded(line.amplitude, 1e3, 3)[0]} mm'
 
 
 def warnings(one: Identification) -> str:

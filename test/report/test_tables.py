@@ -52,7 +52,7 @@ def test_every_number_shown_is_a_number_of_the_json_and_every_quantity_is_shown(
 def test_the_paper_stands_beside_its_own_rig_as_published() -> None:
     text = tables.coefficients(identification_of())
     for published in ('0.12', '2030', '−0.06', '−360', '−4.2 × 10<sup>7</sup>'):
-        assert f'>{published}</data></td>' in text
+        assert f'<td>{published}</td>' in text
     one = identification_of()
     faster = [replace(state, speed=state.speed + 17.0) for state in one.steady_states]
     for other in (identification_of(length_scale=0.1), identification_of(steady_states=faster)):
