@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import argparse
 import json
 import re
 
@@ -8,7 +9,6 @@ import pytest
 from made import FLUTTER, sweep_bag
 
 from hunt_ros.cli.main import main
-from hunt_ros.cli.support.options import Parser
 from hunt_ros.cli.support.recordings import add_recordings, settings_of
 from hunt_ros.dynamics.growth_law import GrowthLaw
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
@@ -79,9 +79,19 @@ def test_a_fold_is_told_where_no_critical_speed_is(bag, tmp_path, monkeypatch):
 
 
 def test_an_option_that_is_short_for_a_setting_is_that_setting() -> None:
-    parser = Parser()
+    parser = argparse.ArgumentParser()
     add_recordings(parser)
-    words = 'bag --prior-v-c 8.0:0.1 --time-scale 0.04 --set lines= --set seed=3'
-    found = settings_of(parser.parse_args(words.split()))
-    assert (found.prior_v_c, found.time_scale_s, found.lines) == ((8.0, 0.1), 0.04, ())
+    words = [
+        'bag',
+        '--prior-v-c',
+        '8.0:0.1',
+        '--frequency',
+        '2.5',
+        '--lines',
+        '',
+        '--set',
+        'seed=3',
+    ]
+    found = settings_of(parser.parse_args(words))
+    assert (found.prior_v_c, found.hunting_frequency_hz, found.lines) == ((8.0, 0.1), 2.5, ())
     assert found.seed == 3
