@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import argparse
 import json
 import re
 
@@ -9,6 +8,7 @@ import pytest
 from made import FLUTTER, sweep_bag
 
 from hunt_ros.cli.main import main
+from hunt_ros.cli.support.options import Parser
 from hunt_ros.cli.support.recordings import add_recordings, settings_of
 from hunt_ros.dynamics.growth_law import GrowthLaw
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
@@ -79,7 +79,7 @@ def test_a_fold_is_told_where_no_critical_speed_is(bag, tmp_path, monkeypatch):
 
 
 def test_an_option_that_is_short_for_a_setting_is_that_setting() -> None:
-    parser = argparse.ArgumentParser()
+    parser = Parser()
     add_recordings(parser)
     words = [
         'bag',
