@@ -207,8 +207,8 @@ class ModbusLink:
         ------
         ImportError
             If pymodbus is not installed.
-        DriverError
-            If nobody answers there.
+        RefusedError
+            If nobody answers there: no device starts together with the nodes.
         """
         from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
@@ -230,7 +230,7 @@ class ModbusLink:
             )
         with self._lock:
             if not client.connect():
-                raise DriverError(f'{bus}: cannot connect')
+                raise RefusedError(f'{bus}: cannot connect')
             client.comm_params.timeout_connect = bus.timeout_s  # from now on that of an answer
             self._client, self._clear_s = client, 0.0
             self._trips_ns.clear()

@@ -12,7 +12,7 @@ import os
 import time
 from collections.abc import Callable, Mapping
 from concurrent import futures
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from threading import Event
@@ -195,8 +195,10 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             found = safety_state.read(Path(path)) if path else None
         except ConfigError as error:
             return SafetyState(), str(error)
-        lost = found is None and AGAIN in os.environ
-        return found or SafetyState(), 'the speed node ended, and its state is gone' * lost
+        again = AGAIN in os.environ  # it has ended, whoever asked for that, and the run has not
+        lost = 'the speed node ended, and its state is gone' if again and found is None else ''
+        found = found or SafetyState()
+        return (replace(found, running=True) if again else found), lost
 
     def _keep(self, stopping: Event) -> None:
         """Write what must outlive the process where it changes, fails to be, or was deleted."""

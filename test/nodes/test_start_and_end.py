@@ -292,3 +292,14 @@ def test_a_device_that_refuses_is_no_start_that_waits(graph, modbus_server) -> N
     graph.spin_until(lambda: health.says('register 9999'))
     levels = {one['level'] for one in health if 'register 9999' in one['message']}
     assert levels == {'ERROR'}
+
+
+@pytest.mark.parametrize('node', ['lateral_sensor', 'roller_speed'])
+def test_hardware_that_does_not_answer_is_no_start_that_waits(graph, node) -> None:
+    """What is told after half a minute comes when the operator has gone."""
+    health = graph.told()
+    register = {'lateral_sensor': 'register', 'roller_speed': 'actual_register'}[node]
+    graph.start(node, driver='modbus', port=graph.port, **{register: 1})  # where nobody answers
+    graph.spin_until(lambda: health.says('cannot connect'))
+    assert {one['level'] for one in health if 'cannot connect' in one['message']} == {'ERROR'}
+    assert 'cannot connect; trying again' in text(graph, node)

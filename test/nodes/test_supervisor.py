@@ -381,6 +381,19 @@ def test_a_guard_that_is_killed_is_started_again(run, graph) -> None:
     rig.until_safe()
 
 
+def test_a_guard_that_somebody_else_ends_starts_no_profile_again(run, graph) -> None:
+    """What saves memory on a machine ends single processes, in order."""
+    rig = run()
+    rig.start()
+    os.kill(rig.child('roller_speed'), signal.SIGTERM)
+    graph.spin_until(lambda: 'roller_speed ended with exit code 0' in rig.screen, 60.0)
+    asked = 'the speed node ended without being asked'
+    graph.spin_until(lambda: rig.status['interlock_cause'].endswith(asked), 60.0)
+    assert rig.status['interlock_state'] == 'tripped'
+    assert rig.speed < SAFE + 0.1
+    assert rig.end() == 0, rig.screen
+
+
 def test_somebody_is_called_when_the_alarm_outputs_are_gone(run, graph, called) -> None:
     rig = run(patience_s=5.0)
     calls = called()
