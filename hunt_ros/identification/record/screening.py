@@ -186,7 +186,7 @@ def moving(record: Record) -> list[Channels]:
     channels = channels_of(record)
     name, finite = channels.source, channels.lateral[np.isfinite(channels.lateral)]
     refuse(not finite.size, name, 'no lateral sample lies within the time of the roller channel')
-    dead = f'lateral is {finite[0]:.3g} m throughout: a sensor that measures nothing'
+    dead = f'lateral is {finite[0] + 0.0:.3g} m throughout: a sensor that measures nothing'
     refuse(float(np.ptp(finite)) == 0.0, name, dead)
     most = float(np.abs(finite).max())
     absurd = f'lateral reaches {most:.3g} m: no displacement of a wheelset (metres)'
