@@ -87,11 +87,13 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if found.blind else 0
 
 
-def read(arguments: argparse.Namespace, bag: Bag, as_stamped: bool) -> Record:
+def read(
+    arguments: argparse.Namespace, bag: Bag | None = None, as_stamped: bool = False
+) -> Record:
     """Read the measurements, with the channels the user named; see `read_record`."""
     channels = options.channels_of(arguments, CHANNELS)
     require = () if options.rig_of(arguments).constant_speed_mps > 0.0 else ('speed',)
-    record = read_record(bag, channels, require=require, as_stamped=as_stamped)
+    record = read_record(bag or arguments.bag, channels, require=require, as_stamped=as_stamped)
     options.rig_of(arguments).refuse_other(record.notes.get('rig', ''), record.source)
     if not set(DISPLACEMENTS) & set(record):
         neither = ' nor '.join(DISPLACEMENTS)

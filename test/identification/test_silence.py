@@ -105,7 +105,7 @@ CASES = {
     'millimetres as metres': lateral(lambda y: 1e3 * y),
     'metres as millimetres': lateral(lambda y: 1e-3 * y),
     'speed in mm/s': speed(lambda v: 1e3 * v),
-    'zero lateral': lateral(lambda y: -0.0),
+    'lateral of minus zero': lateral(lambda y: -0.0),
     'a channel that blows up': lateral(lambda y: y * np.exp(0.005 * np.arange(y.size))),
     'second speed in km/h': lambda make, loop, stairs: [
         loop,
@@ -175,7 +175,7 @@ def test_bad_input_is_refused_in_a_line_or_every_null_has_its_reason(outcome, na
         ('speed zero', '0.00 m/s while the encoder turns'),
         ('speed NaN', "'speed' has no finite sample"),
         ('constant lateral', 'lateral is 0.0001 m throughout'),
-        ('zero lateral', 'lateral is 0 m throughout'),
+        ('lateral of minus zero', 'lateral is 0 m throughout'),
         ('yaw only', "no channel 'lateral'"),
         ('no speed', "no channel 'speed'"),
         ('noise only', 'no hunting motion stands out'),
