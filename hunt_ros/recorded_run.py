@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from hunt_ros.detection import CompanionConfig, DetectorConfig, Event, JournalEntry, Level
+
+if TYPE_CHECKING:
+    from hunt_ros.bag import Bag
 
 _JOURNAL = 'hunting/journal'
 
@@ -33,14 +37,14 @@ class RecordedRun:
     unknown: list[str]
 
 
-def recorded_run(path: Path) -> RecordedRun | None:
+def recorded_run(path: Path | Bag) -> RecordedRun | None:
     """
     Read the live run of a recording.
 
     Parameters
     ----------
-    path : Path
-        The recording.
+    path : Path or Bag
+        The recording; of messages that cannot be read its `remarks` tell.
 
     Returns
     -------
@@ -52,11 +56,9 @@ def recorded_run(path: Path) -> RecordedRun | None:
     HuntError
         If its journal is there but cannot be read.
     """
-    from hunt_ros.bag import Bag
     from hunt_ros.bag.messages import read_texts
 
-    with Bag(path) as bag:
-        texts = read_texts(bag, _JOURNAL)
+    texts = read_texts(path, _JOURNAL)
     journal = [JournalEntry.from_text(t) for text in texts for t in text.splitlines()]
     starts = [k for k, entry in enumerate(journal) if entry.kind == 'start' and entry.config]
     if not starts:
@@ -74,14 +76,14 @@ def recorded_run(path: Path) -> RecordedRun | None:
     )
 
 
-def recorded_events(path: Path) -> list[Event] | None:
+def recorded_events(path: Path | Bag) -> list[Event] | None:
     """
     Read what detector and interlock said live, in the order of time.
 
     Parameters
     ----------
-    path : Path
-        The recording.
+    path : Path or Bag
+        The recording; of messages that cannot be read its `remarks` tell.
 
     Returns
     -------
@@ -94,10 +96,10 @@ def recorded_events(path: Path) -> list[Event] | None:
     HuntError
         If the events are there but cannot be read.
     """
-    from hunt_ros.bag import Bag
     from hunt_ros.bag.messages import read_statuses
+    from hunt_ros.bag.reader import opened
 
-    with Bag(path) as bag:
+    with opened(path) as bag:
         heard = any(name.endswith('hunting/status') for name in bag.topics)
         told = read_statuses(bag, 'hunting/events')
     if not (heard or told):

@@ -67,7 +67,8 @@ def read_texts(bag: str | Path | Bag, topic: str) -> list[str]:
     Raises
     ------
     BagError
-        If the topic is of another type or damaged.
+        If the topic is of another type, or the recording damaged where it is read; of a message
+        that cannot be read its `remarks` tell.
     """
     return [message.data for message in _read(bag, topic, STRING)]
 
@@ -85,7 +86,8 @@ def read_statuses(bag: str | Path | Bag, topic: str) -> list[dict[str, str]]:
     Raises
     ------
     BagError
-        If the topic is of another type or damaged.
+        If the topic is of another type, or the recording damaged where it is read; of a message
+        that cannot be read its `remarks` tell.
     """
     found = []
     for message in _read(bag, topic, DIAGNOSTIC_ARRAY):
@@ -103,12 +105,16 @@ def _read(bag: str | Path | Bag, topic: str, kind: str) -> Iterator[Any]:
         wanted = topic.lstrip('/')
         if not any(name == topic or name.endswith('/' + wanted) for name in recording.topics):
             return
+        lost: list[str] = []
         for raw in read_raw(recording, [topic]):
             if raw.type != kind:
                 raise BagError(f'topic {raw.topic} is {raw.type}, expected {kind}')
             try:
                 message: Any = standard_types().deserialize_cdr(raw.data, kind)
             except Exception as error:  # whatever generated code meets in damaged bytes
-                where = f'topic {raw.topic} at {raw.log_ns} ns'
-                raise BagError(f'{where}: not a {kind} ({one_line(error):.80})') from error
+                lost.append(f'not a {kind}: {one_line(error):.80}')
+                continue
             yield message
+        if lost:
+            what = f'{len(lost)} messages cannot be read ({lost[0]}), and are passed over'
+            recording.remarks.append(f'topic {raw.topic}: {what}')

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from hunt_ros.sensors import SENSORS
 _WINDOW_S, _FEWEST = 1.0, 50
 #: No sensor measures less, whatever its unit: where all is less, its bytes are of another type.
 _LEAST = 1e-20
+#: Readings of so many times the largest usual one are none; nor are those, in any unit, of more.
+_IMPOSSIBLE, NO_READING = 1e4, 1e30
 #: A step of the roller that is so near to a turn is a wrap, rad.
 _NEAR_TURN = 0.1
 #: Largest usual value of a channel, its unit, and a factor that makes SI of the unit it may have
@@ -69,17 +72,42 @@ def wrong_unit(channel: str, series: Series, usual_most: float = math.inf) -> st
     )
 
 
+def possible_readings(record: Record) -> Record:
+    """
+    Return a record with NaN for readings that no sensor gives, which its `problems` then tell.
+
+    They are few, or so large that they are numbers of nothing.
+    """
+    channels, told = dict(record), []
+    for name, series in record.items():
+        sizes = np.where(np.isfinite(series.values), np.abs(series.values), 0.0)
+        most = _IMPOSSIBLE * LARGEST[name][0] if name != 'roller' else NO_READING
+        if 100 * np.count_nonzero(sizes > most) > max(100, sizes.size) or wrong_unit(name, series):
+            most = NO_READING
+        if (far := sizes > most).any():
+            channels[name] = Series(series.stamps_ns, np.where(far, math.nan, series.values))
+            told.append(
+                f'channel {name}: {np.count_nonzero(far)} readings of up to {sizes.max():.3g} (SI)'
+                ' are none of a sensor, and are passed over'
+            )
+    if not told:
+        return record
+    problems = '; '.join([*filter(None, [record.notes.get('problems')]), *told])
+    return replace(record, channels=channels, notes={**record.notes, 'problems': problems})
+
+
 def check_units(record: Record) -> Record:
     """
-    Return the record, if its values can be those of a rig in SI.
+    Return the record with its possible readings, if its values can be those of a rig in SI.
 
     Raises
     ------
     BagError
         Naming the recording, the channel and its values.
     """
-    for channel, series in record.items():
+    found = possible_readings(record)
+    for channel, series in found.items():
         problem = wrong_unit(channel, series)
         if problem:
             raise BagError(f'{record.source}: {problem}')
-    return record
+    return found

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.analysis.rig_check import FAIL, OK, UNKNOWN, WARN, Finding, check_rig, judged
 from hunt_ros.bag import channel_map, read_columns, read_record
-from hunt_ros.bag.plausible import wrong_unit
+from hunt_ros.bag.plausible import possible_readings, wrong_unit
 from hunt_ros.bursts import evened
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import Found, progress
@@ -85,7 +85,7 @@ def _recorded(
 ) -> tuple[Rig, Record, dict[str, NDArray[np.int64]]]:
     """Read a recording, and when its messages came; without a rig file, what it holds or lacks."""
     sources = options.channels_of(arguments, CHANNELS)
-    record = read_record(arguments.bag, sources, as_stamped=True)
+    record = possible_readings(read_record(arguments.bag, sources, as_stamped=True))
     refuse_other(record.notes.get('rig', ''), rig.rig_name, str(arguments.bag))
     if not arguments.rig:
         rig = replace(rig, channels=(*record, *(either[0] for either in lacking(record))))
@@ -114,7 +114,9 @@ def _live(heard: Mapping[str, Any]) -> tuple[Record, dict[str, NDArray[np.int64]
         name: Series(np.array(one['stamps_ns']), np.array(one['values']))
         for name, one in filled.items()
     }
-    return Record(channels), {n: np.array(one['arrivals_ns']) for n, one in filled.items()}
+    return possible_readings(Record(channels)), {
+        n: np.array(one['arrivals_ns']) for n, one in filled.items()
+    }
 
 
 def _publishers(heard: Mapping[str, Any], rig: Rig) -> list[Finding]:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from hunt_ros.bag import check_units, read_record
+from hunt_ros.bag import Bag, check_units, read_record
 from hunt_ros.bursts import evened
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.live_replay import replay_live
@@ -53,8 +53,9 @@ def run(arguments: argparse.Namespace) -> Found | int:
         options.refuse_given(arguments, live_alone, why)
     others = (arguments.normal_form, arguments.rig, arguments.set, arguments.channel)
     another = arguments.fresh or arguments.live or any(others)  # than the live run of it
-    live = None if another else recorded_run(arguments.bag)
-    record = read(arguments, as_stamped=live is not None)
+    with Bag(arguments.bag) as bag:
+        live = None if another else recorded_run(bag)
+        record = read(arguments, bag, as_stamped=live is not None)
     asked, beside = options.settings_of(arguments, 'hunting_detector', *_KINDS)
     if arguments.live:
         return replay_live(arguments, record, (asked, beside))
@@ -63,7 +64,7 @@ def run(arguments: argparse.Namespace) -> Found | int:
         if live is not None:
             config, beside = live.config, live.companions
             remarks = _of_the_live_run(record, live)
-            remarks += frequency_for(record, config, known=True)[1]
+            remarks += frequency_for(check_units(record), config, known=True)[1]
             detector = HuntingDetector(config)
             outputs = iter([detect(detector, record, live.journal)])
         else:
@@ -86,17 +87,20 @@ def run(arguments: argparse.Namespace) -> Found | int:
     return Found(document(*told), lines_of(*told, unit), 1 if found.blind else 0)
 
 
-def read(arguments: argparse.Namespace, as_stamped: bool = False) -> Record:
+def read(
+    arguments: argparse.Namespace, bag: Bag | None = None, as_stamped: bool = False
+) -> Record:
     """Read the measurements, with the channels the user named; see `read_record`."""
     channels = options.channels_of(arguments, CHANNELS)
     rig = options.rig_of(arguments)
     require = () if rig.constant_speed_mps > 0.0 else ('speed',)
-    record = read_record(arguments.bag, channels, require=require, as_stamped=as_stamped)
+    record = read_record(bag or arguments.bag, channels, require=require, as_stamped=as_stamped)
     refuse_other(record.notes.get('rig', ''), rig.rig_name, record.source)
     if not set(DISPLACEMENTS) & set(record):
         neither = ' nor '.join(DISPLACEMENTS)
         raise ConfigError(f'{arguments.bag}: neither {neither} in it, expected one of them')
-    return check_units(record)
+    possible = check_units(record)
+    return record if as_stamped else possible  # the live run had them
 
 
 def _of_the_live_run(record: Record, live: RecordedRun) -> list[str]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
+from hunt_ros.bag import Bag
 from hunt_ros.bag.clips import clips_of
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import Found, progress
@@ -52,7 +54,10 @@ def run(arguments: argparse.Namespace) -> Found:
         for count, record in enumerate(identification.records):
             found, held = events_of(record, identification.normal_form)
             events[record.source], clearances[record.source] = found, held
-            live = recorded_events(path := Path(record.source))
+            with Bag(path := Path(record.source)) as bag:
+                live = recorded_events(bag)
+            for remark in bag.remarks:
+                print(f'hunt report: damaged: {remark}', file=sys.stderr)
             told = found if live is None else live
             clips = [clip.name for clip in clips_of(path)]
             loads.append(load_of(told, record, live is not None, clips))

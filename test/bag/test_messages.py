@@ -6,10 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made import record_of
 
-from hunt_ros.bag import BagWriter
+from hunt_ros.bag import Bag, BagWriter
 from hunt_ros.bag.cdr.message_types import standard_types
-from hunt_ros.bag.messages import DIAGNOSTIC_ARRAY, read_raw, read_statuses, read_texts
+from hunt_ros.bag.messages import DIAGNOSTIC_ARRAY, STRING, read_raw, read_statuses, read_texts
+from hunt_ros.bag.record_writer import messages_of
+from hunt_ros.cli.main import main
 from hunt_ros.detection import Level
 from hunt_ros.errors import BagError
 from hunt_ros.recorded_run import recorded_events
@@ -32,13 +35,16 @@ def test_raw_messages_come_in_the_order_of_time(bag: Path, record) -> None:
     assert (np.diff([message.log_ns for message in raw]) >= 0).all()
 
 
-def test_damaged_messages_are_refused_in_one_line(tmp_path: Path) -> None:
+def test_a_damaged_message_costs_itself_and_is_told_in_one_line(tmp_path: Path) -> None:
     with BagWriter(tmp_path / 'run') as writer:
         key = writer.topic('/t', 'std_msgs/msg/String')
         writer.write(key, 1, b'\x00\x01\x00\x00\xff\xff\xff\x7fx')
-    with pytest.raises(BagError, match='not a std_msgs/msg/String') as caught:
-        read_texts(tmp_path / 'run', 't')
-    assert '\n' not in str(caught.value)
+        writer.write(key, 2, b'\x00\x01\x00\x00\x02\x00\x00\x00x\x00')
+    with Bag(tmp_path / 'run') as bag:
+        assert read_texts(bag, 't') == ['x']
+        (told,) = bag.remarks
+    assert told.startswith('topic /t: 1 messages cannot be read (not a std_msgs/msg/String: ')
+    assert '\n' not in told
 
 
 def test_what_was_said_live_is_read_from_the_recording(tmp_path: Path) -> None:
@@ -63,3 +69,22 @@ def test_what_was_said_live_is_read_from_the_recording(tmp_path: Path) -> None:
 
 def test_a_recording_without_a_detector_has_no_events(bag: Path) -> None:
     assert recorded_events(bag) is None
+
+
+def test_a_damaged_journal_costs_no_replay_and_a_damaged_event_no_report(
+    tmp_path: Path, capsys
+) -> None:
+    seconds = np.arange(1000) / 100.0
+    record = record_of(seconds, lateral=1e-4 * np.sin(18.0 * seconds), yaw=0.0, speed=7.0)
+    with BagWriter(tmp_path / 'run') as writer:
+        for message in messages_of(record, writer.topic, 'rig'):
+            writer.write(*message)
+        for topic, kind in (('journal', STRING), ('events', DIAGNOSTIC_ARRAY)):
+            writer.write(
+                writer.topic(f'/rig/hunting/{topic}', kind), 10**10, b'\0\1\0\0' + b'\xff' * 9
+            )
+    assert main(['replay', str(tmp_path / 'run')]) == 0
+    assert 'topic /rig/hunting/journal: 1 messages cannot be read' in capsys.readouterr().out
+    main(['report', str(tmp_path / 'run'), '--out', str(tmp_path / 'a.html')])
+    assert 'topic /rig/hunting/events: 1 messages cannot be read' in capsys.readouterr().err
+    assert (tmp_path / 'a.html').exists()

@@ -162,6 +162,27 @@ def test_a_range_that_nobody_stated_and_error_codes_are_seen(check, values, word
     assert words in one['text']
 
 
+@pytest.mark.parametrize('channel', ['lateral', 'yaw', 'roller', 'speed'])
+@pytest.mark.parametrize('value', [-1e300, 3e6])
+def test_a_reading_that_no_sensor_gives_is_found_and_none_to_any_command(
+    check, tmp_path, capsys, channel: str, value: float
+) -> None:
+    sound = _sound()
+    values = sound[channel].values.copy()
+    values[700] = value
+    _, found = check(changed(sound, **{channel: values}))
+    if channel == 'roller' and value == 3e6:  # an angle may be of any size
+        return
+    told = f'channel {channel}: 1 readings of up to {abs(value):.3g} (SI) are none of a sensor'
+    assert told in found['damage', '']['text']
+    assert found['gaps', channel]['text'] == '1 readings are no numbers'
+    bag, json = str(tmp_path / 'bag'), str(tmp_path / 'told.json')
+    assert main(['replay', bag, '--json', json]) == 0
+    assert told in Path(json).read_text()
+    assert main(['identify', bag, '--json', json]) == 1, 'one speed only'
+    assert told in Path(json).read_text()
+
+
 @pytest.mark.parametrize('lost', [np.nan, np.inf])
 def test_a_speed_that_is_no_number_tells_no_diameter(check, lost) -> None:
     code, found = check(changed(_sound(), speed=lost))

@@ -139,6 +139,20 @@ def test_all_time_that_passed_is_on_some_level(what, recorded) -> None:
     assert found.level_rows['STALE'] * found.period_ns / 1e9 >= silent
 
 
+def test_a_silence_in_which_the_clock_was_set_back_has_no_negative_length(recorded) -> None:
+    channels = {}
+    for name, one in recorded(6.8, 20.0).items():
+        seconds = one.stamps_ns / 1e9
+        there = (name != 'yaw') | (seconds < 10.0) | (seconds > 13.0)
+        stamps = one.stamps_ns - np.where(seconds < 12.0, 0, 6_000_000_000)
+        channels[name] = Series(stamps[there], one.values[there])
+    detector = HuntingDetector(DetectorConfig(), PAPER)
+    events = collect(watch(Record(channels), detector), detector).events
+    causes = [event.cause for event in events if event.event == 'input_recovered']
+    assert causes
+    assert not [cause for cause in causes if 'after -' in cause], causes
+
+
 def test_a_journal_line_that_is_none_is_refused() -> None:
     for text in ('', '{}', '{"kind":"guess","position_ns":null}', '[1]'):
         with pytest.raises(HuntError):

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
 from hunt_ros.bag.columns import read_record, refuse_years, with_constants
 from hunt_ros.bag.interchange.tables import Table, load_table, select
+from hunt_ros.bag.plausible import NO_READING
 from hunt_ros.bag.reader import ROS_1, STORAGES, storage_kind
 from hunt_ros.bursts import bursts_of, spread
 from hunt_ros.errors import BagError
@@ -32,8 +33,8 @@ TIMES: tuple[str, ...] = (
 #: Where more samples than this share of all have the time of another one, its clock is coarse:
 #: they are spread over its ticks, if there are so many.
 _SHARED, _TICKS = 0.1, 10
-#: What loggers write where there is no reading; and a number that is none of any sensor.
-_CODES, _NO_READING = (999.0, 999.9, 7999.0, 9999.0, 9999.9, 99999.0, 999999.0), 1e30
+#: What loggers write where there is no reading.
+_CODES = (999.0, 999.9, 7999.0, 9999.0, 9999.9, 99999.0, 999999.0)
 #: Shortest and longest step of so many times, s: of days that are taken for seconds they are
 #: shorter, of milliseconds longer.
 _STEPS_S, _FEWEST = (2e-6, 0.15), 50
@@ -136,7 +137,7 @@ def _series(source: ChannelSource, values: NDArray[Any], stamps: NDArray[np.int6
 def _without_codes(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return values, NaN where one far beyond all others is a code for "no reading"."""
     sizes = np.abs(values)
-    codes = np.isin(sizes, _CODES) | (sizes >= _NO_READING)
+    codes = np.isin(sizes, _CODES) | (sizes >= NO_READING)
     least = 0.1 * float(sizes[codes].min(initial=math.inf))
     return np.where(codes & (np.nanmax(sizes[~codes], initial=0.0) < least), math.nan, values)
 

@@ -184,6 +184,6 @@ class Transitions:
             yield 'sensor_recovered', 'sensor', cause, over_ns
 
     def _after(self, what: str, over_ns: int) -> str:
-        """Say how long something lasted that is over."""
-        began_ns = self._began_ns.pop(what, None)
-        return '' if began_ns is None else f' after {(over_ns - began_ns) / NANOSECONDS:.2f} s'
+        """Say how long something lasted that is over; '' where that is not known."""
+        lasted_ns = over_ns - self._began_ns.pop(what, over_ns + 1)  # or the clock was set back
+        return f' after {lasted_ns / NANOSECONDS:.2f} s' if lasted_ns >= 0 else ''
