@@ -9,8 +9,8 @@ limit cycle at one speed are a subcritical rig. Every bound names the events it 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -97,7 +97,7 @@ class Bracket:
                     ' that below v_c'
                 )
             lines.append(line)
-        bounded = [row for row in self.unstable if math.isfinite(row[2])]
+        bounded = [row for row in self.unstable if self.coexistence and math.isfinite(row[2])]
         for speed, above, below in bounded[:3]:
             over = f'{1e3 * above:.3g} to ' if math.isfinite(above) else 'below '
             lines.append(f'seen: unstable amplitude {over}{1e3 * below:.3g} mm at {speed:.4g} m/s')
@@ -106,6 +106,16 @@ class Bracket:
     def _damping(self) -> str:
         """Return what bounds v_c from below in words."""
         why = self.why['v_c_above']
+    def where(self, coexist: Callable[[float], bool]) -> Bracket:
+        """Return the same with coexistence only at speeds, m/s, where rest and cycle can."""
+        if self.coexistence is None:
+            return self
+        rest = _beside(self.events, self.why['stayed'], coexist)
+        if rest is None:
+            return replace(self, coexistence=None)
+        both = self.coexistence[0], rest.speed_high
+        return replace(self, coexistence=both, why={**self.why, 'rest': rest})
+
         if not why.damped:
             return _words(why)
         words = (
@@ -138,6 +148,7 @@ class Bracket:
             ],
             'because': {key: _words(event) for key, event in self.why.items()},
             'events': [event.to_json() for event in self.events],
+                if self.coexistence
         }
 
 
@@ -273,16 +284,9 @@ def _bounds(events: Sequence[Event], top: float) -> Bracket:
     if resting:
         why['v_c_above'] = max(resting, key=lambda e: e.speed_low)
     coexistence = None
-    if kinds['rest'] and kinds['stayed']:
+    if kinds['stayed']:
         cycle = why['v_n_below']
-        # Two states at one speed keep apart; what wanders between them is one.
-        resting = [
-            e
-            for e in kinds['rest']
-            if e.speed_high >= cycle.speed_low and e.spread[1] < 0.5 * cycle.spread[0]
-        ]
-        if resting:
-            rest = max(resting, key=lambda e: e.speed_high)
+        if rest := _beside(events, cycle):
             coexistence = (cycle.speed_low, rest.speed_high)
             why |= {'rest': rest, 'stayed': cycle}
     began = min((e.speed_high for e in kinds['grew']), default=None)
@@ -310,6 +314,22 @@ def _unstable(
         speed = next(
             (s for s in rows if abs(s / event.speed - 1.0) < ONE_SPEED), round(event.speed, 6)
         )
+def _beside(
+    events: Sequence[Event], cycle: Event, coexist: Callable[[float], bool] = lambda speed: True
+) -> Event | None:
+    """Return rest at the highest speed at which it and a limit cycle were seen; or None."""
+    resting = [
+        e
+        for e in events
+        # Two states at one speed keep apart; what wanders between them is one.
+        if e.kind == 'rest'
+        and e.speed_high >= cycle.speed_low
+        and e.spread[1] < 0.5 * cycle.spread[0]
+        and coexist(e.speed)
+    ]
+    return max(resting, key=lambda e: e.speed_high, default=None)
+
+
         above, below = rows.get(speed, (math.nan, math.nan))
         if event.kind == 'stayed':
             below = float(np.nanmin([below, event.kick]))

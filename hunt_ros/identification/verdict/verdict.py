@@ -56,10 +56,10 @@ _SMALL = 0.3
 _FEWEST_STEPS = 12
 
 #: What must hold for what: conditions in the order in which they are asked.
-_LINEAR = ('speeds', 'believed', 'critical', 'small')
+_LINEAR = ('speeds', 'believed', 'rises', 'critical', 'small')
 _CUBIC = (*_LINEAR, 'time', 'passage', 'cubic')
 #: The fold is seen where hunting ends: it needs no small motion near v_c.
-_ONSET = ('speeds', 'believed', 'time', 'passage')
+_ONSET = ('speeds', 'believed', 'rises', 'time', 'passage')
 _SHAPE = (*_ONSET, 'cubic')
 _FOLD = (*_SHAPE, 'subcritical', 'limited', 'agree', 'fits')
 _NEEDS: Mapping[str, tuple[str, ...]] = {
@@ -148,7 +148,7 @@ def conclude(
     best = evidence.fitted
     misfit = lack_of_fit(best, evidence.names)
     failed = _misfits(evidence, misfit, warnings)
-    lacks = [failed[name] for name in ('believed', 'agree') if name in failed]
+    lacks = [failed[name] for name in ('believed', 'rises', 'agree') if name in failed]
     lacks += [misfit.words] * misfit.flagged
     drawn, noise, rejected = draw_laws(best, settings, misfit.stretch, _admissible(evidence))
     if rejected > _MANY:
@@ -167,6 +167,8 @@ def conclude(
     why = {
         name: next((failed[need] for need in needs if need in failed), '')
         for name, needs in _NEEDS.items()
+    if not (misfit.flagged or failed.keys() & {'believed', 'agree'}):
+        evidence = replace(evidence, bracket=evidence.bracket.where(posterior.coexist))
     }
     speed_std = settings.speed_resolution_mps / math.sqrt(12.0)
     given = {
@@ -176,10 +178,7 @@ def conclude(
     form = None if why['correlations'] else posterior.identified(speed_std)
     criticality = None if why['criticality'] else best.law.criticality
     bracket = evidence.bracket
-    if bracket.coexistence is not None and criticality == 'supercritical' and not why['v_c']:
-        # Rest was no longer than the slow growth of a law that fits: it shows no coexistence.
-        bracket = replace(bracket, coexistence=None)
-    elif bracket.coexistence is not None:
+    if bracket.coexistence is not None:
         criticality = 'subcritical'
     likely = None if why['supercritical_probability'] else posterior.supercritical
     if criticality == 'subcritical':
@@ -249,11 +248,12 @@ def _intensity(best: FittedLaw, noise: NDArray[np.float64]) -> NDArray[np.float6
 
 
 def _misfits(evidence: Evidence, misfit: LackOfFit, warnings: list[str]) -> dict[str, str]:
-    """Conditions that a law fails by what it misses: 'believed', 'agree', 'fits'."""
-    failed = {}
-    if astray := _astray(evidence):
-        failed['believed'] = astray
-        warnings.append(f'lack of fit: {astray}')
+    """Conditions that a law fails by what it misses: 'believed', 'rises', 'agree', 'fits'."""
+    failed: dict[str, str] = {}
+    for name, astray in (('believed', _astray(evidence)), ('rises', _turning(evidence))):
+        if astray and not failed:
+            failed[name] = astray
+            warnings.append(f'lack of fit: {astray}')
     if against := _disagreement(evidence):
         failed['agree'] = against
         warnings.append(against)
@@ -293,8 +293,12 @@ def _astray(evidence: Evidence) -> str:
         )
     if refuted := refutations(best.law, evidence.bracket):
         return f'the law contradicts what was seen: {refuted[0]}'
-    # Growth that ends again inside the data is a parabola's, and no rig's.
-    other, (low, high) = best.law.other_root, evidence.speeds
+    return ''
+
+
+def _turning(evidence: Evidence) -> str:
+    """Where growth ends again inside the data: that is a parabola's, and no rig's; '' if not."""
+    other, (low, high) = evidence.fitted.law.other_root, evidence.speeds
     if other is not None and low < other < high:
         return (
             'the linear growth rate of the law falls through zero again at'
