@@ -29,6 +29,9 @@ from hunt_ros.samples import as_json
 
 Bounds = tuple[float | None, float | None]
 
+#: Chance below which rest and a law that lets it grow exclude each other.
+_CHANCE = 1e-3
+
 
 @dataclass(frozen=True)
 class Bracket:
@@ -103,9 +106,6 @@ class Bracket:
             lines.append(f'seen: unstable amplitude {over}{1e3 * below:.3g} mm at {speed:.4g} m/s')
         return lines
 
-    def _damping(self) -> str:
-        """Return what bounds v_c from below in words."""
-        why = self.why['v_c_above']
     def where(self, coexist: Callable[[float], bool]) -> Bracket:
         """Return the same with coexistence only at speeds, m/s, where rest and cycle can."""
         if self.coexistence is None:
@@ -116,6 +116,9 @@ class Bracket:
         both = self.coexistence[0], rest.speed_high
         return replace(self, coexistence=both, why={**self.why, 'rest': rest})
 
+    def _damping(self) -> str:
+        """Return what bounds v_c from below in words."""
+        why = self.why['v_c_above']
         if not why.damped:
             return _words(why)
         words = (
@@ -145,14 +148,14 @@ class Bracket:
             'unstable_amplitude': [
                 dict(zip(('speed_mps', 'above_m', 'below_m'), as_json(row), strict=True))
                 for row in self.unstable
+                if self.coexistence
             ],
             'because': {key: _words(event) for key, event in self.why.items()},
             'events': [event.to_json() for event in self.events],
-                if self.coexistence
         }
 
 
-def refutations(law: GrowthLaw, bracket: Bracket) -> list[str]:
+def refutations(law: GrowthLaw, forcing: Callable[[float], float], bracket: Bracket) -> list[str]:
     """
     Return what a law says that the events behind the bounds contradict, in words.
 
@@ -160,12 +163,14 @@ def refutations(law: GrowthLaw, bracket: Bracket) -> list[str]:
     ----------
     law : GrowthLaw
         Of a fit.
+    forcing : callable
+        Noise intensity D at a speed, m^2/s; NaN where none is seen.
     bracket : Bracket
         What was seen.
     """
     found = []
     for event in dict.fromkeys(bracket.why.values()):
-        if contradicts(law, event):
+        if contradicts(law, forcing, event):
             says = {
                 'rest': f'small motion grows by {law.growth_rate(event.speed, 0.0):.2g} 1/s',
                 'stayed': 'there is no limit cycle',
@@ -175,7 +180,7 @@ def refutations(law: GrowthLaw, bracket: Bracket) -> list[str]:
     return found
 
 
-def contradicts(law: GrowthLaw, event: Event) -> bool:
+def contradicts(law: GrowthLaw, forcing: Callable[[float], float], event: Event) -> bool:
     """
     Whether a law and an event exclude each other, by more than noise does.
 
@@ -183,14 +188,20 @@ def contradicts(law: GrowthLaw, event: Event) -> bool:
     ----------
     law : GrowthLaw
         Of a fit, or drawn.
+    forcing : callable
+        As in `refutations`.
     event : Event
-        Rest that would have grown by more than it varied, and e times that; what stayed where
-        the law lets it die within a tenth of the time; what died where the law lets half of it
-        grow.
+        Rest that forcing and growth, from nothing, leave as small once in a thousand times; what
+        stayed where the law lets it die within a tenth of the time; what died where the law lets
+        half of it grow.
     """
     if event.kind == 'rest':
-        varied = math.log(event.spread[1] / max(event.spread[0], 1e-12))
-        return float(law.growth_rate(event.speed, 0.0)) * event.seconds > varied + 1.0
+        rate, lasted = float(law.growth_rate(event.speed, 0.0)), event.seconds
+        if not rate > 0.0:
+            return False
+        # The square of such motion is exponential, of this mean.
+        square = 2.0 * forcing(event.speed) * math.expm1(min(2.0 * rate * lasted, 600.0)) / rate
+        return event.spread[1] ** 2 < _CHANCE * square
     if event.kind == 'stayed':
         speed = event.speed_low * (1.0 + 0.5 * ONE_SPEED)
         if np.isfinite(law.steady_amplitudes(speed)[1][0]):
@@ -303,17 +314,6 @@ def _bounds(events: Sequence[Event], top: float) -> Bracket:
     return Bracket(tuple(events), (low, high), v_c, began, coexistence, unstable, why)
 
 
-def _unstable(
-    kinds: dict[str, list[Event]], v_n: float | None
-) -> list[tuple[float, float, float]]:
-    """Bounds of the unstable amplitude at the speeds at which kicks stayed, or died above v_n."""
-    rows: dict[float, tuple[float, float]] = {}
-    for event in [*kinds['died'], *kinds['stayed']]:
-        if not math.isfinite(event.kick):
-            continue
-        speed = next(
-            (s for s in rows if abs(s / event.speed - 1.0) < ONE_SPEED), round(event.speed, 6)
-        )
 def _beside(
     events: Sequence[Event], cycle: Event, coexist: Callable[[float], bool] = lambda speed: True
 ) -> Event | None:
@@ -330,6 +330,17 @@ def _beside(
     return max(resting, key=lambda e: e.speed_high, default=None)
 
 
+def _unstable(
+    kinds: dict[str, list[Event]], v_n: float | None
+) -> list[tuple[float, float, float]]:
+    """Bounds of the unstable amplitude at the speeds at which kicks stayed, or died above v_n."""
+    rows: dict[float, tuple[float, float]] = {}
+    for event in [*kinds['died'], *kinds['stayed']]:
+        if not math.isfinite(event.kick):
+            continue
+        speed = next(
+            (s for s in rows if abs(s / event.speed - 1.0) < ONE_SPEED), round(event.speed, 6)
+        )
         above, below = rows.get(speed, (math.nan, math.nan))
         if event.kind == 'stayed':
             below = float(np.nanmin([below, event.kick]))

@@ -118,6 +118,10 @@ class Evidence:
         """Return one trace of all envelopes in a row."""
         return np.concatenate([getattr(one, name) for one in self.envelopes])
 
+    def forcing(self, speed: float) -> float:
+        """Noise intensity D of small motion at a speed, m^2/s; NaN where none is seen."""
+        return float(_intensity(self.fitted, self.fitted.noise, speed))
+
     @property
     def speeds(self) -> tuple[float, float]:
         """Lowest and highest speed of the data, m/s."""
@@ -159,16 +163,16 @@ def conclude(
     posterior = Posterior(
         best.law,
         drawn,
-        _intensity(best, noise),
+        _intensity(best, noise, best.law.critical_speed or best.law.scales.speed),
         evidence.speeds,
         settings.prior_v_c[0] if settings.prior_v_c else None,
     )
+    if not (misfit.flagged or failed.keys() & {'believed', 'agree'}):
+        evidence = replace(evidence, bracket=evidence.bracket.where(posterior.coexist))
     failed |= _unsupported(best, posterior, evidence, settings, warnings)
     why = {
         name: next((failed[need] for need in needs if need in failed), '')
         for name, needs in _NEEDS.items()
-    if not (misfit.flagged or failed.keys() & {'believed', 'agree'}):
-        evidence = replace(evidence, bracket=evidence.bracket.where(posterior.coexist))
     }
     speed_std = settings.speed_resolution_mps / math.sqrt(12.0)
     given = {
@@ -232,16 +236,14 @@ def _admissible(evidence: Evidence) -> Callable[[GrowthLaw], bool] | None:
     def admissible(law: GrowthLaw) -> bool:
         """Return True for a law that a rig can have."""
         rises = all(law.linear_slope(u) > 0.0 for u in speeds.tolist())
-        return rises and not any(contradicts(law, event) for event in seen)
+        return rises and not any(contradicts(law, evidence.forcing, event) for event in seen)
 
     return admissible if admissible(chosen) else None
 
 
-def _intensity(best: FittedLaw, noise: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Noise intensity D of each draw at the critical speed, m^2/s; NaN where none is seen."""
-    v_c = best.law.critical_speed
-    u = 0.0 if v_c is None else float(best.law.detuning(v_c))
-    level = noise[:, 2] + u * noise[:, 0]
+def _intensity(best: FittedLaw, noise: NDArray[np.float64], speed: float) -> NDArray[np.float64]:
+    """Noise intensity D at a speed, of one noise or many, m^2/s; NaN where none is seen."""
+    level = noise[..., 2] + float(best.law.detuning(speed)) * noise[..., 0]
     seen = (level > _UNSEEN) & np.isfinite(best.fit.information).all()
     with np.errstate(over='ignore'):  # of a law that runs away
         return 0.5 * best.law.scales.amplitude**2 * np.exp(np.where(seen, level, math.nan))
@@ -291,7 +293,7 @@ def _astray(evidence: Evidence) -> str:
             'the fit of the law has not converged (a gain of the log likelihood of'
             f' {best.fit.remaining:.2g} is still in reach): nothing is read from it'
         )
-    if refuted := refutations(best.law, evidence.bracket):
+    if refuted := refutations(best.law, evidence.forcing, evidence.bracket):
         return f'the law contradicts what was seen: {refuted[0]}'
     return ''
 
