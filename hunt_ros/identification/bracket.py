@@ -108,10 +108,8 @@ class Bracket:
 
     def where(self, coexist: Callable[[float], bool]) -> Bracket:
         """Return the same with coexistence only at speeds, m/s, where rest and cycle can."""
-        if self.coexistence is None:
-            return self
-        rest = _beside(self.events, self.why['stayed'], coexist)
-        if rest is None:
+        rest = self.coexistence and _beside(self.events, self.why['stayed'], coexist)
+        if not (rest and self.coexistence):
             return replace(self, coexistence=None)
         both = self.coexistence[0], rest.speed_high
         return replace(self, coexistence=both, why={**self.why, 'rest': rest})
@@ -121,19 +119,10 @@ class Bracket:
         why = self.why['v_c_above']
         if not why.damped:
             return _words(why)
-        words = (
+        return (
             f'{_words(why)} ({1e6 * why.amplitude:.2g} um; without damping the forcing there makes'
             f' it more than {1e6 * why.undamped:.2g} um in 99 of 100 cases)'
         )
-        rests = [event for event in self.events if event.damped]
-        if len(rests) == len(self.events) > 1:
-            low, high = (end(event.speed for event in rests) for end in (min, max))
-            least = min(event.seconds for event in rests)
-            words += (
-                f'; nothing but rest was seen, and it was damped in all {len(rests)} stretches of'
-                f' {least:.2g} s and longer from {low:.4g} to {high:.4g} m/s'
-            )
-        return words
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry `bracket`."""

@@ -181,8 +181,7 @@ def conclude(
     }
     form = None if why['correlations'] else posterior.identified(speed_std)
     criticality = None if why['criticality'] else best.law.criticality
-    bracket = evidence.bracket
-    if bracket.coexistence is not None:
+    if (bracket := evidence.bracket).coexistence:
         criticality = 'subcritical'
     likely = None if why['supercritical_probability'] else posterior.supercritical
     if criticality == 'subcritical':
