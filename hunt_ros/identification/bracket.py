@@ -9,8 +9,8 @@ limit cycle at one speed are a subcritical rig. Every bound names the events it 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,9 @@ from hunt_ros.identification.record.segments import Run
 from hunt_ros.samples import as_json
 
 Bounds = tuple[float | None, float | None]
+
+#: Chance below which rest and a law that lets it grow exclude each other.
+_CHANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -97,30 +100,29 @@ class Bracket:
                     ' that below v_c'
                 )
             lines.append(line)
-        bounded = [row for row in self.unstable if math.isfinite(row[2])]
+        bounded = [row for row in self.unstable if self.coexistence and math.isfinite(row[2])]
         for speed, above, below in bounded[:3]:
             over = f'{1e3 * above:.3g} to ' if math.isfinite(above) else 'below '
             lines.append(f'seen: unstable amplitude {over}{1e3 * below:.3g} mm at {speed:.4g} m/s')
         return lines
+
+    def where(self, coexist: Callable[[float], bool]) -> Bracket:
+        """Return the same with coexistence only at speeds, m/s, where rest and cycle can."""
+        rest = self.coexistence and _beside(self.events, self.why['stayed'], coexist)
+        if not (rest and self.coexistence):
+            return replace(self, coexistence=None)
+        both = self.coexistence[0], rest.speed_high
+        return replace(self, coexistence=both, why={**self.why, 'rest': rest})
 
     def _damping(self) -> str:
         """Return what bounds v_c from below in words."""
         why = self.why['v_c_above']
         if not why.damped:
             return _words(why)
-        words = (
+        return (
             f'{_words(why)} ({1e6 * why.amplitude:.2g} um; without damping the forcing there makes'
             f' it more than {1e6 * why.undamped:.2g} um in 99 of 100 cases)'
         )
-        rests = [event for event in self.events if event.damped]
-        if len(rests) == len(self.events) > 1:
-            low, high = (end(event.speed for event in rests) for end in (min, max))
-            least = min(event.seconds for event in rests)
-            words += (
-                f'; nothing but rest was seen, and it was damped in all {len(rests)} stretches of'
-                f' {least:.2g} s and longer from {low:.4g} to {high:.4g} m/s'
-            )
-        return words
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry `bracket`."""
@@ -135,13 +137,14 @@ class Bracket:
             'unstable_amplitude': [
                 dict(zip(('speed_mps', 'above_m', 'below_m'), as_json(row), strict=True))
                 for row in self.unstable
+                if self.coexistence
             ],
             'because': {key: _words(event) for key, event in self.why.items()},
             'events': [event.to_json() for event in self.events],
         }
 
 
-def refutations(law: GrowthLaw, bracket: Bracket) -> list[str]:
+def refutations(law: GrowthLaw, forcing: Callable[[float], float], bracket: Bracket) -> list[str]:
     """
     Return what a law says that the events behind the bounds contradict, in words.
 
@@ -149,12 +152,14 @@ def refutations(law: GrowthLaw, bracket: Bracket) -> list[str]:
     ----------
     law : GrowthLaw
         Of a fit.
+    forcing : callable
+        Noise intensity D at a speed, m^2/s; NaN where none is seen.
     bracket : Bracket
         What was seen.
     """
     found = []
     for event in dict.fromkeys(bracket.why.values()):
-        if contradicts(law, event):
+        if contradicts(law, forcing, event):
             says = {
                 'rest': f'small motion grows by {law.growth_rate(event.speed, 0.0):.2g} 1/s',
                 'stayed': 'there is no limit cycle',
@@ -164,7 +169,7 @@ def refutations(law: GrowthLaw, bracket: Bracket) -> list[str]:
     return found
 
 
-def contradicts(law: GrowthLaw, event: Event) -> bool:
+def contradicts(law: GrowthLaw, forcing: Callable[[float], float], event: Event) -> bool:
     """
     Whether a law and an event exclude each other, by more than noise does.
 
@@ -172,14 +177,20 @@ def contradicts(law: GrowthLaw, event: Event) -> bool:
     ----------
     law : GrowthLaw
         Of a fit, or drawn.
+    forcing : callable
+        As in `refutations`.
     event : Event
-        Rest that would have grown by more than it varied, and e times that; what stayed where
-        the law lets it die within a tenth of the time; what died where the law lets half of it
-        grow.
+        Rest that forcing and growth, from nothing, leave as small once in a thousand times; what
+        stayed where the law lets it die within a tenth of the time; what died where the law lets
+        half of it grow.
     """
     if event.kind == 'rest':
-        varied = math.log(event.spread[1] / max(event.spread[0], 1e-12))
-        return float(law.growth_rate(event.speed, 0.0)) * event.seconds > varied + 1.0
+        rate, lasted = float(law.growth_rate(event.speed, 0.0)), event.seconds
+        if not rate > 0.0:
+            return False
+        # The square of such motion is exponential, of this mean.
+        square = 2.0 * forcing(event.speed) * math.expm1(min(2.0 * rate * lasted, 600.0)) / rate
+        return event.spread[1] ** 2 < _CHANCE * square
     if event.kind == 'stayed':
         speed = event.speed_low * (1.0 + 0.5 * ONE_SPEED)
         if np.isfinite(law.steady_amplitudes(speed)[1][0]):
@@ -273,16 +284,9 @@ def _bounds(events: Sequence[Event], top: float) -> Bracket:
     if resting:
         why['v_c_above'] = max(resting, key=lambda e: e.speed_low)
     coexistence = None
-    if kinds['rest'] and kinds['stayed']:
+    if kinds['stayed']:
         cycle = why['v_n_below']
-        # Two states at one speed keep apart; what wanders between them is one.
-        resting = [
-            e
-            for e in kinds['rest']
-            if e.speed_high >= cycle.speed_low and e.spread[1] < 0.5 * cycle.spread[0]
-        ]
-        if resting:
-            rest = max(resting, key=lambda e: e.speed_high)
+        if rest := _beside(events, cycle):
             coexistence = (cycle.speed_low, rest.speed_high)
             why |= {'rest': rest, 'stayed': cycle}
     began = min((e.speed_high for e in kinds['grew']), default=None)
@@ -297,6 +301,22 @@ def _bounds(events: Sequence[Event], top: float) -> Bracket:
     v_c = why['v_c_above'].speed_low * (1.0 - 0.5 * ONE_SPEED) if 'v_c_above' in why else None
     unstable = tuple(_unstable(kinds, high))
     return Bracket(tuple(events), (low, high), v_c, began, coexistence, unstable, why)
+
+
+def _beside(
+    events: Sequence[Event], cycle: Event, coexist: Callable[[float], bool] = lambda speed: True
+) -> Event | None:
+    """Return rest at the highest speed at which it and a limit cycle were seen; or None."""
+    resting = [
+        e
+        for e in events
+        # Two states at one speed keep apart; what wanders between them is one.
+        if e.kind == 'rest'
+        and e.speed_high >= cycle.speed_low
+        and e.spread[1] < 0.5 * cycle.spread[0]
+        and coexist(e.speed)
+    ]
+    return max(resting, key=lambda e: e.speed_high, default=None)
 
 
 def _unstable(

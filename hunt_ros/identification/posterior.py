@@ -169,6 +169,16 @@ class Posterior:
         there = np.isfinite(self.laws.critical_speeds)
         return float(np.mean(self.laws.soft[there])) if there.sum() >= ENOUGH_DRAWS else None
 
+    def coexist(self, speed: float) -> bool:
+        """
+        Whether rest is stable at a speed, m/s, in `EXISTS` of the draws, and a cycle in some.
+
+        What rests for a short time may be growth, and what stays decay, that has not come far.
+        """
+        rest = self.laws.growth_rate(speed, 0.0) < 0.0
+        cycle = np.isfinite(self.laws.steady_amplitudes(speed)[1])
+        return len(self.p) > 0 and rest.mean() >= EXISTS and cycle.mean() > 1.0 - EXISTS
+
     def hysteresis_below(self, speed_std: float) -> float | None:
         """
         Return the width that hysteresis does not exceed, m/s; None where nothing bounds it.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +25,11 @@ from hunt_ros.identification.settings import IdentificationSettings
 V_N = PAPER_NORMAL_FORM.nonlinear_critical_speed
 
 SOFT = replace(PAPER_NORMAL_FORM, D4=-2000.0, D10=0.0)
+
+
+def forced(speed: float) -> float:
+    """Noise intensity of a forcing of 4 um, at any speed."""
+    return 8e-12
 
 
 def seen_in(*records):
@@ -133,14 +139,27 @@ def test_a_kick_is_no_jump(make):
 
 def test_a_law_that_contradicts_what_was_seen_is_named(make):
     seen = seen_in(*kicked_holds(make, 1))
-    assert refutations(LAW, seen) == []
+    assert refutations(LAW, forced, seen) == []
     low = replace(LAW, p=LAW.p + np.array([1.0, *np.zeros(TERMS - 1)]))
     assert any(
-        'small motion grows' in line and '7.2 m/s' in line for line in refutations(low, seen)
+        'small motion grows' in line and '7.2 m/s' in line
+        for line in refutations(low, forced, seen)
     )
     high = replace(LAW, p=LAW.p - np.array([3.0, *np.zeros(TERMS - 1)]))
-    assert any('there is no limit cycle' in line for line in refutations(high, seen))
-    assert not any(contradicts(LAW, event) for event in seen.events)
+    assert any('there is no limit cycle' in line for line in refutations(high, forced, seen))
+    assert not any(contradicts(LAW, forced, event) for event in seen.events)
+
+
+def test_rest_that_its_own_law_and_forcing_made_is_no_contradiction(make):
+    """Small motion grows by 0.43 1/s, and is kicked after 9 s: two in five look like rest."""
+    made = [make(9.2, 25.0, seed, forcing=4e-6, kicks=[(9.0, 7e-4)]) for seed in range(80)]
+    rests = [e for record in made for e in seen_in(record).events if e.kind == 'rest']
+    assert len(rests) > 20
+    assert not any(contradicts(LAW, forced, event) for event in rests)
+    # Seen for four times as long it is one, but not where forcing is too faint to be seen.
+    longer = [replace(e, end_ns=e.end_ns + 3 * (e.end_ns - e.start_ns)) for e in rests]
+    assert all(contradicts(LAW, forced, event) for event in longer)
+    assert not any(contradicts(LAW, lambda speed: math.nan, event) for event in longer)
 
 
 def test_rest_alone_bounds_nothing_but_v_c(make):

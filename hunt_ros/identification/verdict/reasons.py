@@ -84,7 +84,9 @@ def reasons(
     elif bracket.coexistence is not None:
         told['bracket.v_n_between_mps'] = _NONE_STAYED
     elif 'rest' in bracket.why:
-        slow = 'rest beside the limit cycle was no longer than the law grows slowly there'
+        slow = (
+            'rest and a limit cycle were seen at one speed, but by the law both may not last there'
+        )
         told |= {
             f'bracket.{name}': slow
             for name in ('criticality', 'coexistence_mps', 'v_n_between_mps')

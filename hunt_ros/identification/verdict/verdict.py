@@ -56,10 +56,10 @@ _SMALL = 0.3
 _FEWEST_STEPS = 12
 
 #: What must hold for what: conditions in the order in which they are asked.
-_LINEAR = ('speeds', 'believed', 'critical', 'small')
+_LINEAR = ('speeds', 'believed', 'rises', 'critical', 'small')
 _CUBIC = (*_LINEAR, 'time', 'passage', 'cubic')
 #: The fold is seen where hunting ends: it needs no small motion near v_c.
-_ONSET = ('speeds', 'believed', 'time', 'passage')
+_ONSET = ('speeds', 'believed', 'rises', 'time', 'passage')
 _SHAPE = (*_ONSET, 'cubic')
 _FOLD = (*_SHAPE, 'subcritical', 'limited', 'agree', 'fits')
 _NEEDS: Mapping[str, tuple[str, ...]] = {
@@ -118,6 +118,10 @@ class Evidence:
         """Return one trace of all envelopes in a row."""
         return np.concatenate([getattr(one, name) for one in self.envelopes])
 
+    def forcing(self, speed: float) -> float:
+        """Noise intensity D of small motion at a speed, m^2/s; NaN where none is seen."""
+        return float(_intensity(self.fitted, self.fitted.noise, speed))
+
     @property
     def speeds(self) -> tuple[float, float]:
         """Lowest and highest speed of the data, m/s."""
@@ -148,7 +152,7 @@ def conclude(
     best = evidence.fitted
     misfit = lack_of_fit(best, evidence.names)
     failed = _misfits(evidence, misfit, warnings)
-    lacks = [failed[name] for name in ('believed', 'agree') if name in failed]
+    lacks = [failed[name] for name in ('believed', 'rises', 'agree') if name in failed]
     lacks += [misfit.words] * misfit.flagged
     drawn, noise, rejected = draw_laws(best, settings, misfit.stretch, _admissible(evidence))
     if rejected > _MANY:
@@ -159,10 +163,12 @@ def conclude(
     posterior = Posterior(
         best.law,
         drawn,
-        _intensity(best, noise),
+        _intensity(best, noise, best.law.critical_speed or best.law.scales.speed),
         evidence.speeds,
         settings.prior_v_c[0] if settings.prior_v_c else None,
     )
+    if not (misfit.flagged or failed.keys() & {'believed', 'agree'}):
+        evidence = replace(evidence, bracket=evidence.bracket.where(posterior.coexist))
     failed |= _unsupported(best, posterior, evidence, settings, warnings)
     why = {
         name: next((failed[need] for need in needs if need in failed), '')
@@ -175,11 +181,7 @@ def conclude(
     }
     form = None if why['correlations'] else posterior.identified(speed_std)
     criticality = None if why['criticality'] else best.law.criticality
-    bracket = evidence.bracket
-    if bracket.coexistence is not None and criticality == 'supercritical' and not why['v_c']:
-        # Rest was no longer than the slow growth of a law that fits: it shows no coexistence.
-        bracket = replace(bracket, coexistence=None)
-    elif bracket.coexistence is not None:
+    if (bracket := evidence.bracket).coexistence:
         criticality = 'subcritical'
     likely = None if why['supercritical_probability'] else posterior.supercritical
     if criticality == 'subcritical':
@@ -233,27 +235,26 @@ def _admissible(evidence: Evidence) -> Callable[[GrowthLaw], bool] | None:
     def admissible(law: GrowthLaw) -> bool:
         """Return True for a law that a rig can have."""
         rises = all(law.linear_slope(u) > 0.0 for u in speeds.tolist())
-        return rises and not any(contradicts(law, event) for event in seen)
+        return rises and not any(contradicts(law, evidence.forcing, event) for event in seen)
 
     return admissible if admissible(chosen) else None
 
 
-def _intensity(best: FittedLaw, noise: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Noise intensity D of each draw at the critical speed, m^2/s; NaN where none is seen."""
-    v_c = best.law.critical_speed
-    u = 0.0 if v_c is None else float(best.law.detuning(v_c))
-    level = noise[:, 2] + u * noise[:, 0]
+def _intensity(best: FittedLaw, noise: NDArray[np.float64], speed: float) -> NDArray[np.float64]:
+    """Noise intensity D at a speed, of one noise or many, m^2/s; NaN where none is seen."""
+    level = noise[..., 2] + float(best.law.detuning(speed)) * noise[..., 0]
     seen = (level > _UNSEEN) & np.isfinite(best.fit.information).all()
     with np.errstate(over='ignore'):  # of a law that runs away
         return 0.5 * best.law.scales.amplitude**2 * np.exp(np.where(seen, level, math.nan))
 
 
 def _misfits(evidence: Evidence, misfit: LackOfFit, warnings: list[str]) -> dict[str, str]:
-    """Conditions that a law fails by what it misses: 'believed', 'agree', 'fits'."""
-    failed = {}
-    if astray := _astray(evidence):
-        failed['believed'] = astray
-        warnings.append(f'lack of fit: {astray}')
+    """Conditions that a law fails by what it misses: 'believed', 'rises', 'agree', 'fits'."""
+    failed: dict[str, str] = {}
+    for name, astray in (('believed', _astray(evidence)), ('rises', _turning(evidence))):
+        if astray and not failed:
+            failed[name] = astray
+            warnings.append(f'lack of fit: {astray}')
     if against := _disagreement(evidence):
         failed['agree'] = against
         warnings.append(against)
@@ -291,10 +292,14 @@ def _astray(evidence: Evidence) -> str:
             'the fit of the law has not converged (a gain of the log likelihood of'
             f' {best.fit.remaining:.2g} is still in reach): nothing is read from it'
         )
-    if refuted := refutations(best.law, evidence.bracket):
+    if refuted := refutations(best.law, evidence.forcing, evidence.bracket):
         return f'the law contradicts what was seen: {refuted[0]}'
-    # Growth that ends again inside the data is a parabola's, and no rig's.
-    other, (low, high) = best.law.other_root, evidence.speeds
+    return ''
+
+
+def _turning(evidence: Evidence) -> str:
+    """Where growth ends again inside the data: that is a parabola's, and no rig's; '' if not."""
+    other, (low, high) = evidence.fitted.law.other_root, evidence.speeds
     if other is not None and low < other < high:
         return (
             'the linear growth rate of the law falls through zero again at'

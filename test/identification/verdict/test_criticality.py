@@ -84,6 +84,50 @@ def test_where_rest_and_a_limit_cycle_were_seen_v_n_needs_no_critical_speed(make
     assert all(one.low < v_n < one.high and one.std < 0.05 for one in given)
 
 
+def kicked(make, form: NormalForm, speeds, seed: int, kick: float = 3e-4) -> Identification:
+    """Identify a rig from rest of 20 s, then a kick, at held speeds; a minute of what follows."""
+    forcing, kicks = 2e-6, [(20.0, kick)]
+    return identify(
+        [make(v, 80.0, 100 * seed + k, form=form, forcing=forcing, kicks=kicks)
+         for k, v in enumerate(speeds)]
+    )  # fmt: skip
+
+
+def test_rest_that_was_kicked_before_it_grew_is_no_subcritical_rig(make):
+    """Above v_c of a supercritical rig, where rest grows by less than 0.15 1/s."""
+    found = [
+        kicked(make, replace(rig(-1500.0), D1=D1), (8.1, 8.2, 8.3), seed)
+        for D1 in (0.04, 0.12)
+        for seed in range(3)
+    ]
+    assert any(one.criticality == 'supercritical' for one in found)
+    for one in found:
+        kinds = {event.kind for event in one.bracket.events}
+        assert {'rest', 'stayed'} <= kinds
+        assert one.criticality != 'subcritical'
+        assert one.bracket.coexistence is None
+        assert not any('subcritical:' in line for line in one.bracket.lines())
+        assert not any('unstable amplitude' in line for line in one.bracket.lines())
+        assert 'by the law' in one.unknown['bracket.coexistence_mps']
+
+
+def test_the_same_on_a_subcritical_rig_is_one(make):
+    for seed in range(3):
+        found = kicked(make, PAPER_NORMAL_FORM, (6.8, 7.0, 7.2), seed, 7e-4)
+        assert found.criticality == 'subcritical'
+        low, high = found.bracket.coexistence
+        assert low == pytest.approx(6.8, abs=0.01)
+        assert high > 6.99
+        assert sum('unstable amplitude' in line for line in found.bracket.lines()) == 3
+
+
+def test_a_kick_that_dies_slowly_below_v_c_is_no_limit_cycle(make):
+    """Growth rates of 0.01 1/s: what is seen of the decay in a minute is no more than half."""
+    for seed in range(3):
+        found = kicked(make, replace(rig(-1500.0), D1=0.02), (7.8, 8.1, 8.2, 8.3), seed)
+        assert found.criticality == 'supercritical'
+
+
 def test_motion_of_one_kind_says_nothing_of_the_onset(make):
     found = identify([make(lambda t: 6.0 + t / 200.0, 200.0, 1, forcing=4e-6)])
     assert found.supercritical_probability is None
