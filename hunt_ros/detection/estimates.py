@@ -104,7 +104,7 @@ class Estimator:
             watch.follow(config)
 
     def reset(self) -> None:
-        """Forget every sample, but for the mode shape, and what is wrong till it is seen to end."""
+        """Forget every sample, but for the mode shape, and what is wrong till that is over."""
         self._told_on = round(health.FAULT_HOLD_S * NANOSECONDS / self.config.period_ns)
         self._begin(self.config)
 
