@@ -50,6 +50,9 @@ class Estimator:
 
     def __init__(self, config: DetectorConfig) -> None:
         self._shape: ModeShape | None = None
+        #: Of each channel what was wrong in the last row; the rows in which it is told on.
+        self._wrong: dict[str, int] = {}
+        self._told_on = 0
         self._begin(config)
 
     def _begin(self, config: DetectorConfig) -> None:
@@ -101,7 +104,8 @@ class Estimator:
             watch.follow(config)
 
     def reset(self) -> None:
-        """Forget every sample; the mode shape is kept."""
+        """Forget every sample, but for the mode shape, and what is wrong till that is over."""
+        self._told_on = round(health.FAULT_HOLD_S * NANOSECONDS / self.config.period_ns)
         self._begin(self.config)
 
     def set_mode_shape(self, shape: ModeShape | None) -> None:
@@ -190,7 +194,18 @@ class Estimator:
             disagree |= differs
             rows[f'{name}_wrong'][gone] |= np.uint32(health.LOST)
             self._look_elsewhere(name, track, turning, rows)
+        self._tell_on(rows)
         return rows, disagree, motion
+
+    def _tell_on(self, rows: NDArray[np.void]) -> None:
+        """Tell on what was wrong before a new beginning: a clock that was set ends no fault."""
+        if not rows.size:
+            return
+        for name in self._channels:
+            wrong = rows[f'{name}_wrong']
+            wrong[: self._told_on] |= np.uint32(self._wrong.get(name, 0))
+            self._wrong[name] = int(wrong[-1]) & (health.FAULTS | health.MISSING)
+        self._told_on = max(self._told_on - rows.size, 0)
 
     def _in_order(
         self, blocks: dict[str, Block], usable: dict[str, NDArray[np.bool_]]

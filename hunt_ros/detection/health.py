@@ -56,8 +56,9 @@ SEVERE = sum(CODES)
 MILD = sum(WORDS) - SEVERE
 #: A saturated sensor still shows that there is motion; the others show nothing.
 BLIND = SEVERE & ~SATURATED | ABSENT
-#: Of these, the ones that are a fault of the sensor rather than missing input.
+#: A fault of the sensor; a channel that gives nothing, which is another one or an optional one.
 FAULTS = NO_VALUE | STUCK | SATURATED | CONTRADICTED | LOST
+MISSING = SILENT | ABSENT
 
 #: A fault is told for this long after its last sign, s: what comes and goes is one fault.
 FAULT_HOLD_S = 1.0

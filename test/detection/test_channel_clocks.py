@@ -9,13 +9,15 @@ import pytest
 from fed import Fed
 from made import PAPER, SECOND
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector, Level
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, detect
 from hunt_ros.detection.words.status import DetectorStatus
 from hunt_ros.samples import Record, Series
 
 TICK = 50_000_000
 #: From a sensor to the detector, ns.
 DELAY = 3_000_000
+#: What a fault of a sensor begins and ends with.
+FAULT = ('sensor_fault', 'sensor_recovered')
 
 #: How far the clock of a host is behind that of the detector, s, at the times given, s.
 Behind = Callable[[np.ndarray], np.ndarray]
@@ -148,3 +150,25 @@ def test_a_clock_that_is_far_away_and_stays_there_costs_no_memory_without_end() 
     assert detector.status.level is Level.STALE
     assert 'lateral: clocks differ by 3600.0 s' in ' '.join(detector.status.reasons)
     assert detector.status.dropped['lateral clock'] > 0.5 * 120 * 2_000
+
+
+@pytest.mark.parametrize(
+    ('how', 'back_s'), [('no value', 3.0), ('stuck', 10.0), ('stuck', 3600.0), ('silent', 3600.0)]
+)
+def test_a_clock_that_is_set_ends_no_fault(how: str, back_s: float) -> None:
+    t = np.arange(0.0, 40.0, 0.005)
+    noise = 1e-5 * np.random.default_rng(3).normal(size=(2, t.size))
+    stamps = np.round((t - np.where(t < 24.0, 0.0, back_s) + 4000.0) * SECOND).astype(np.int64)
+    bad = (t > 20.0) & (t < 30.0)
+    values = {'lateral': noise[0].copy(), 'yaw': 6.0 * noise[1], 'speed': np.full(t.size, 6.0)}
+    values['lateral'][bad] = 1e-5 if how == 'stuck' else np.nan
+    record = Record({name: Series(stamps, each) for name, each in values.items()})
+    if how == 'silent':
+        record = Record({**record, 'lateral': Series(stamps[~bad], values['lateral'][~bad])})
+    detector = HuntingDetector(DetectorConfig(channels=tuple(record)))
+    events = [e for e in detect(detector, record).events if e.cause.startswith('lateral')]
+    begun, over = ('input_stale', 'input_recovered') if how == 'silent' else FAULT
+    assert [event.event for event in events] == [begun, over]
+    well_s = events[1].since_ns / SECOND - 4000.0 + back_s
+    assert well_s == pytest.approx(30.0, abs=0.05)
+    assert ' after ' not in events[1].cause, 'how long it lasted is not known'

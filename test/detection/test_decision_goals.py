@@ -12,7 +12,7 @@ from made import PAPER, record_of, words
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
-from hunt_ros.samples import Record
+from hunt_ros.samples import Record, Series
 
 LATERAL = DetectorConfig(channels=('lateral', 'speed'))
 
@@ -65,6 +65,19 @@ def test_a_steady_motion_smaller_than_any_limit_cycle_of_the_form_is_in_doubt() 
     output = detect(detector, steady(0.12e-3, 2.84, 6.0, 30.0))
     assert not any(event.level is Level.ERROR for event in output.events)
     assert detector.status.level is Level.WARN
+
+
+def test_a_motion_that_is_not_the_hunting_is_not_it_where_the_speed_is_silent_either() -> None:
+    wrong = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        record = steady(rng.uniform(0.03e-3, 0.2e-3), rng.uniform(1.5, 4.6), rng.uniform(3, 6), 20)
+        t = (record['speed'].stamps_ns - record.start_ns) * 1e-9
+        silent = (t > rng.uniform(2.0, 10.0)) & (t < 15.0)
+        speed = Series(record['speed'].stamps_ns[~silent], record['speed'].values[~silent])
+        events = detect(HuntingDetector(LATERAL, PAPER), Record({**record, 'speed': speed})).events
+        wrong += [(seed, event) for event in events if event.level is Level.ERROR][:1]
+    assert not wrong
 
 
 def test_a_rig_that_names_its_frequency_needs_none_of_the_form() -> None:

@@ -154,10 +154,11 @@ def decide(
         _learn(rules, form, m, a, s, predictable, out)
         other = undecided = False
         if known:
-            # What has begun to hunt is the hunting, at whatever frequency it goes on.
-            of_the_form = m['state']['hunting']['word'] != states.NO or not predictable
+            # What has begun to hunt is the hunting, at whatever frequency it goes on. A motion is
+            # not the more one for a speed that is not read any more: the last one stands.
+            of_the_form = m['state']['hunting']['word'] != states.NO or not form.known
             if not of_the_form:
-                of_the_form = is_hunting_of(form, rules.nominal_hz, v, a, out)
+                of_the_form = is_hunting_of(form, rules.nominal_hz, m['ratios']['speed'], a, out)
             parts = m['state'], m['ratios'], m['motion']
             other, undecided = states.judge(rules, *parts, a, s, of_the_form, out)
         states.tell(rules, m['state'], m['ratios'], m['motion'], out)

@@ -25,8 +25,6 @@ from hunt_ros.samples import CHANNELS, NANOSECONDS
 #: What makes an event: word, test, cause, and since when, ns.
 _Change = tuple[str, str, str, int]
 
-#: A channel gives nothing: a fault, or one that is optional.
-_MISSING = health.SILENT | health.ABSENT
 #: A disturbance that stays in the basin is a state, not an event.
 _STATES = {State.ESCAPING, State.LIMIT_CYCLE, State.DECAYING}
 _REGIONS = {Region.HYSTERESIS: 'hysteresis', Region.UNSTABLE: 'unstable'}
@@ -74,16 +72,18 @@ class Transitions:
         """
         rows = joined_rows([self._before, rows])
         self._before = rows[-1:].copy()
-        changed = np.zeros(rows.size - 1, dtype=np.bool_)
-        bits = {f'{name}_wrong': _MISSING | health.FAULTS for name in self._channels}
+        changed = back = np.diff(rows['stamp_ns']) < 0
+        bits = {f'{name}_wrong': health.MISSING | health.FAULTS for name in self._channels}
         bits |= {'doubts': doubts.MARGIN | doubts.OUTSIDE}
         watched = [rows[name] for name in ('region', 'state', 'level', 'limits')]
         watched += [rows[name] & np.uint32(mask) for name, mask in bits.items()]
         for column in watched:
-            changed |= column[1:] != column[:-1]
+            changed = changed | (column[1:] != column[:-1])
         events = []
         for k in np.flatnonzero(changed).tolist():
             before, row = rows[k], rows[k + 1]
+            if back[k]:  # the clocks were set: nobody knows how long ago it was
+                self._began_ns.clear()
             if row['level'] != before['level']:
                 self.level_since_ns = int(row['stamp_ns'])
             events += [self.event_of(row, *change) for change in self._changes(before, row)]
@@ -152,8 +152,8 @@ class Transitions:
         new, stamp_ns = int(row[f'{name}_wrong']), int(row['stamp_ns'])
         over_ns = stamp_ns - round(health.FAULT_HOLD_S * NANOSECONDS)
         timeout_ns = self.basis.config.timeout_ns(name)
-        if (new ^ old) & _MISSING:
-            if new & _MISSING:
+        if (new ^ old) & health.MISSING:
+            if new & health.MISSING:
                 since_ns = self._began_ns[f'{name} silent'] = stamp_ns - timeout_ns
                 cause = f'{name}: silent for {timeout_ns / NANOSECONDS:g} s'
                 if new & health.ABSENT:
