@@ -71,11 +71,6 @@ class Bursts:
             return f'{self}, at no even rate: when each was taken is not known'
         return f'{self}, taken as sampled evenly at {NANOSECONDS / self.step_ns:.4g} Hz'
 
-    @property
-    def blocks(self) -> int:
-        """How many blocks are looked at together."""
-        return _together(self.apart_ns)
-
 
 def bursts_of(
     stamps_ns: NDArray[np.int64], share: float = _SHARE, blocks: int = 4 * _BLOCKS
@@ -158,20 +153,20 @@ def spread(series: Series, found: Bursts) -> Series:
     """
     from scipy.ndimage import grey_opening
 
-    origin = int(found.arrived_ns[0])
+    origin, many = int(found.arrived_ns[0]), _together(found.apart_ns)
     above = found.arrived_ns - origin - found.step_ns * found.ends
     pauses = np.flatnonzero(np.abs(np.diff(found.arrived_ns)) >= _PAUSE_NS) + 1
     places = np.arange(series.stamps_ns.size)
     times = found.step_ns * places
     for part in np.split(np.arange(above.size), pauses):
         # Delays that pass are taken off, by a morphological opening; what stays is a loss.
-        low = grey_opening(above[part], size=min(found.blocks, part.size), mode='nearest')
+        low = grey_opening(above[part], size=min(many, part.size), mode='nearest')
         losses = np.flatnonzero(np.diff(low) > 0.5 * found.apart_ns) + 1
         for whole in np.split(np.arange(part.size), losses):
             ends = found.ends[part[whole]]
             begin = int(found.ends[part[whole[0]] - 1]) + 1 if part[whole[0]] else 0
             span = slice(begin, int(ends[-1]) + 1)
-            times[span] += np.interp(places[span], ends, _smooth(low[whole], found.blocks))
+            times[span] += np.interp(places[span], ends, _smooth(low[whole], many))
     return Series(origin + np.rint(times).astype(np.int64), series.values)
 
 

@@ -171,8 +171,8 @@ def compile_all() -> int:
 
     if not HAVE_COMPILER or is_complete():
         return 0
-    for module in _kernel_modules():
-        import_module(module)
+    for path in _kernel_files():
+        import_module('.'.join(path.relative_to(_PACKAGE.parent).with_suffix('').parts))
     # Others, as those of tests, are no part of the package, and another process has them not.
     ours = {name: one for name, one in KERNELS.items() if name.startswith(f'{_NAME}.')}
     with _only_one():
@@ -212,9 +212,7 @@ def load() -> None:
 
 def _compile_one(name: str) -> None:
     """Compile a kernel, in a process that may know none yet."""
-    for module in _kernel_modules():
-        if name.startswith(f'{module}.'):
-            import_module(module)
+    import_module(name.rpartition('.')[0])
     _ready(KERNELS[name])
 
 
@@ -323,25 +321,17 @@ def _only_one() -> Iterator[None]:
         yield
 
 
-@cache
-def _kernel_modules() -> tuple[str, ...]:
-    """Return the modules that have kernels for Python to call."""
-    names = []
-    for path in sorted(_PACKAGE.rglob('*.py')):
-        text = path.read_text(encoding='utf-8')
-        if '\n@compiled\n' in text:
-            names.append('.'.join(path.relative_to(_PACKAGE.parent).with_suffix('').parts))
-    return tuple(names)
+def _kernel_files() -> list[Path]:
+    """Return the modules that have kernels or parts of them."""
+    return [p for p in sorted(_PACKAGE.rglob('*.py')) if b'\n@compiled' in p.read_bytes()]
 
 
 @cache
 def _sources() -> str:
-    """Return a hash of all modules that have kernels or parts of them."""
+    """Return a hash of all modules that kernels are made from."""
     stamp = hashlib.sha256(_build().encode())
-    for path in sorted(_PACKAGE.rglob('*.py')):
-        text = path.read_bytes()
-        if b'\n@compiled' in text or path.name in ('compiled.py', 'records.py'):
-            stamp.update(text)
+    for path in (*_kernel_files(), Path(__file__), _PACKAGE / 'records.py'):
+        stamp.update(path.read_bytes())
     return stamp.hexdigest()[:24]
 
 

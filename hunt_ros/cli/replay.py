@@ -75,7 +75,9 @@ def run(arguments: argparse.Namespace) -> Found | int:
             remarks += more
             detector = HuntingDetector(config, form)
             outputs = watch(record, detector, advance)
-        found = collect(outputs, detector, _companions(beside, config))
+        # The forecast is made once, from the whole recording.
+        rig = RigParameters.read(beside.forecast_rig) if beside.forecast == 'wheelset' else None
+        found = collect(outputs, detector, Companions(beside, config, rig, live=False))
     if problems := record.notes.get('problems'):  # its end may be missing
         remarks.append(f'damaged: {problems}; "hunt info" says more')
     if bursts := record.notes.get('bursts'):
@@ -120,9 +122,3 @@ def _of_the_live_run(record: Record, live: RecordedRun) -> list[str]:
             told = ', '.join(f'{count} of {name}' for name, count in counts.items())
             found.append(f'the recording {text} (at least {told}): its numbers were others')
     return found
-
-
-def _companions(beside: CompanionConfig, config: DetectorConfig) -> Companions:
-    """Make criteria and forecast; the forecast is made once, from the whole recording."""
-    rig = RigParameters.read(beside.forecast_rig) if beside.forecast == 'wheelset' else None
-    return Companions(beside, config, rig, live=False)

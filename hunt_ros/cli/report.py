@@ -74,10 +74,8 @@ def run(arguments: argparse.Namespace) -> Found:
         )
         drawings = report.drawings()
         advance(0.6)
-        written: list[Path] = []
-        if arguments.figures:
-            figures = {name: one.figure for name, one in drawings.items()}
-            written = save_figures(figures, arguments.figures)
+        figures = {name: one.figure for name, one in drawings.items()}
+        written = save_figures(figures, arguments.figures) if arguments.figures else []
         advance(0.9)
         write_whole(arguments.out, report.html(drawings), 'report')
     lines = [str(path) for path in (arguments.out, *written)]

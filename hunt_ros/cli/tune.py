@@ -10,7 +10,6 @@ from hunt_ros.cli.support.output import Found, progress
 from hunt_ros.cli.support.recordings import add_recordings, identified
 from hunt_ros.detection import DetectorConfig
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.errors import ConfigError
 from hunt_ros.report.figures.style import write_picture
 from hunt_ros.report.tuning import Outcome, Truth, picture, tune, usual_grid
 
@@ -22,7 +21,8 @@ def configure(parser: options.Parser) -> None:
     add_recordings(parser, hunting_detector=(DetectorConfig,))
     parser.add('--normal-form')
     what = 'values of one setting, e.g. false_alarms_per_week=1,100; repeatable (the usual ones)'
-    parser.add('--grid', action='append', default=[], metavar='NAME=X,...', help=what)
+    grid = {'type': _values, 'metavar': 'NAME=X,...'}
+    parser.add('--grid', action='append', default=[], **grid, help=what)
     what = 'draw false alarms against delay'
     parser.add('--out', type=options.new_file('.svg', '.png'), metavar='FILE', help=what)
 
@@ -31,9 +31,8 @@ def run(arguments: argparse.Namespace) -> Found:
     """Say what is true, replay, and compare; 1 where no recording says what is true."""
     (config,) = options.settings_of(arguments, 'hunting_detector', DetectorConfig)
     form = IdentifiedNormalForm.read(arguments.normal_form) if arguments.normal_form else None
-    asked = dict(map(_values, arguments.grid))
     _, found = identified(arguments, here=True)
-    grid = asked or usual_grid(found, form is not None)
+    grid = dict(arguments.grid) or usual_grid(found, form is not None)
     with progress('replaying') as advance:
         truths, outcomes = tune(found, config, form, grid, arguments.cluster or '', advance)
     if arguments.out and outcomes[0].harmless_s:
@@ -49,13 +48,9 @@ def run(arguments: argparse.Namespace) -> Found:
 
 def _values(word: str) -> tuple[str, tuple[float, ...]]:
     name, _, values = word.partition('=')
-    try:
-        numbers = tuple(map(float, values.split(',')))
-    except ValueError:
-        numbers = ()
-    if not numbers or not isinstance(getattr(DetectorConfig(), name, None), float):
-        raise ConfigError(f'--grid {word}: expected numbers of one setting, NAME=X,X,...')
-    return name, numbers
+    if not isinstance(getattr(DetectorConfig(), name, None), float):
+        raise argparse.ArgumentTypeError(f'{word}: expected numbers of one setting, NAME=X,X,...')
+    return name, options.numbers(options.number(0.0, 1e9))(values)
 
 
 def _truth(truths: Sequence[Truth]) -> dict[str, float]:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from hunt_ros.detection import DetectorConfig, Event
     from hunt_ros.detection.words.clearance import Clearance
 
+#: Where the words of its name are not enough.
 SENTENCES: dict[str, str] = {
     'hysteresis_entered': 'entered the hysteresis region: a bump can now start hunting',
     'hysteresis_left': 'left the hysteresis region',
@@ -25,7 +26,6 @@ SENTENCES: dict[str, str] = {
     'escaping': 'ESCAPING: the motion is growing towards the limit cycle',
     'limit_cycle': 'LIMIT CYCLE: full hunting',
     'decaying': 'hunting is dying out',
-    'quiet': 'quiet',
     'disturbed': 'disturbed, inside the basin of the quiet state',
     'margin_low': 'margin is low',
     'margin_restored': 'margin is restored',
@@ -34,11 +34,8 @@ SENTENCES: dict[str, str] = {
     'motion_outside_range': 'MOTION OUTSIDE THE RANGE THAT IS FOLLOWED',
     'motion_outside_range_over': 'no more motion outside the range that is followed',
     'sensor_fault': 'SENSOR FAULT',
-    'sensor_recovered': 'sensor recovered',
     'input_stale': 'INPUT STALE: the estimates cannot be trusted',
-    'input_recovered': 'input recovered',
     'interlock_tripped': 'INTERLOCK TRIPPED',
-    'interlock_armed': 'interlock armed',
     'interlock_disarmed': 'INTERLOCK DISARMED',
     'acknowledged': 'alarm acknowledged',
     'criterion_exceeded': 'CRITERION EXCEEDED',

@@ -92,10 +92,8 @@ def _detector(
 ) -> dict[str, object]:
     """Return the parameters of a detector that fits the recording, for where none is running."""
     config, _ = config_for(record, DetectorConfig())
-    told = {name for _, name, _ in arguments.set}
-    asked = {
-        name: value for kind in settings for name, value in vars(kind).items() if name in told
-    }
+    given = {name: value for kind in settings for name, value in vars(kind).items()}
+    asked = {name: given[name] for _, name, _ in arguments.set}
     return {'use_sim_time': True, 'channels': config.channels, **asked}
 
 

@@ -37,8 +37,8 @@ RECORDINGS = Path('recordings')
 
 
 def number(
-    low: float = -math.inf,
-    high: float = math.inf,
+    low: float,
+    high: float,
     unit: str = '',
     above: bool = False,
     kind: type[float] = float,
@@ -292,8 +292,7 @@ def add_settings(
 
 def given_settings(arguments: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
     """Return the settings that were given as options, by name."""
-    found = {name: getattr(arguments, name) for name in names}
-    return {name: value for name, value in found.items() if value is not None}
+    return {name: x for name in names if (x := getattr(arguments, name)) is not None}
 
 
 def add_set(
