@@ -111,7 +111,7 @@ class View:
         elif topic == 'recording/closed':
             self.say(f'recorded {line["data"]}')
         elif topic == 'hunting/normal_form':
-            self.say('a refitted normal form is in force')
+            self.say('a refitted normal form has come')  # it may have to be accepted
         elif topic == 'answer':
             text = line['message'] or ('done' if line['ok'] else 'refused')
             self.say(f'{line["service"]}: {text}', '' if line['ok'] else STYLES['WARN'])

@@ -49,3 +49,9 @@ def test_speeds_are_in_the_unit_of_the_rig(capsys) -> None:
     assert '18.0 km/h' in text
     assert '(v 18.0 km/h)' in text
     assert text.endswith('the roller is at 25.9 km/h\n')
+
+
+def test_a_form_that_may_have_to_wait_is_not_said_to_be_in_force(capsys) -> None:
+    with View() as view:
+        view.show({'topic': 'hunting/normal_form', 'data': ''})
+    assert capsys.readouterr().out.splitlines() == ['a refitted normal form has come']
