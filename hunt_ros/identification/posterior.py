@@ -171,13 +171,13 @@ class Posterior:
 
     def coexist(self, speed: float) -> bool:
         """
-        Whether rest is stable at a speed, m/s, in `EXISTS` of the draws, and a cycle in some.
+        Whether rest is stable at a speed, m/s, in `EXISTS` of the draws, and a cycle in half.
 
         What rests for a short time may be growth, and what stays decay, that has not come far.
         """
         rest = self.laws.growth_rate(speed, 0.0) < 0.0
         cycle = np.isfinite(self.laws.steady_amplitudes(speed)[1])
-        return len(self.p) > 0 and rest.mean() >= EXISTS and cycle.mean() > 1.0 - EXISTS
+        return len(self.p) > 0 and rest.mean() >= EXISTS and cycle.mean() >= 0.5
 
     def hysteresis_below(self, speed_std: float) -> float | None:
         """

@@ -354,6 +354,9 @@ CLAIMS = (
     (r'not every motion was kicked',
      lambda d: any(e['kick_m'] is None for e in d['bracket']['events'])),
     (r'no stretch holds its amplitude', lambda d: not d['steady_states']),
+    (r'by the law both may not last', lambda d: d['bracket']['coexistence_mps'] is None),
+    (r'its amplitude falls without a jump', lambda d: d['criticality'] == 'supercritical'),
+    (r'no fold, against what was seen', lambda d: d['criticality'] == 'subcritical'),
     (r'no jump was observed', lambda d: d['observed']['step_mps'] is None),
     (r'no motion shows whether the law holds', lambda d: d['fit']['lack_of_fit_p'] is None),
 )  # fmt: skip

@@ -358,7 +358,7 @@ def _unsupported(
     if law.criticality == 'supercritical':
         failed['subcritical'] = (
             'the law has no fold, against what was seen'
-            if evidence.bracket.coexistence and 'critical' in failed
+            if evidence.bracket.coexistence
             else 'a supercritical rig has no fold and no unstable branch'
         )
     elif not moved:
