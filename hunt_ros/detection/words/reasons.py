@@ -23,6 +23,8 @@ from hunt_ros.samples import CHANNELS, Uncertain
 _HUNTING = {State.ESCAPING: 'escaping from the quiet state', State.LIMIT_CYCLE: 'limit cycle'}
 #: A shorter time to the limit cycle is not told: it is there, as far as one can tell, s.
 _SOON_S = 0.1
+#: Less than this, in mm or mrad, is told in um or urad, from this on in m or rad.
+_FINEST, _LARGEST = 1e-3, 1e3
 _LIMIT_BITS = [
     (1 << number, f'{limit.what} above its {limit.severity} limit')
     for number, limit in enumerate(LIMITS)
@@ -113,6 +115,11 @@ def _number(row: np.void, name: str, unit: str, scale: float = 1.0) -> str:
         std = scale * float(row[f'{name}_std'])
     if math.isnan(value):
         return 'unknown'
+    size = math.fabs(value)
+    if unit[0] == 'm' and 0.0 < size < _FINEST:
+        value, std, unit = 1e3 * value, 1e3 * std, f'u{unit[1:]}'
+    elif unit[0] == 'm' and size >= _LARGEST:
+        value, std, unit = 1e-3 * value, 1e-3 * std, unit[1:]
     return f'{Uncertain(value, std).text(" +/- ") if std > 0.0 else f"{value:.3g}"} {unit}'
 
 

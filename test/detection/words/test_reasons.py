@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
+import pytest
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, doubts
+from hunt_ros.detection.decision import states
 from hunt_ros.detection.output import blank_rows, joined_rows
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.detection.replay import watch
-from hunt_ros.detection.words.reasons import Basis, margin_cause, reasons_of
+from hunt_ros.detection.words.reasons import Basis, margin_cause, reasons_of, state_cause
 from hunt_ros.dynamics.profile import Corners, Profile
 
 BASIS = Basis(DetectorConfig(), 6.4, 8.0)
@@ -35,6 +39,19 @@ def test_below_the_fold_the_margin_names_the_laws_that_it_is_of() -> None:
     told = margin_cause(low_margin(1.36, State.LIMIT_CYCLE, Region.STABLE), BASIS)
     assert 'unknown' not in told.split('unstable amplitude')[-1].split(',')[0]
     assert 'those of the laws that have one at this speed' in told
+
+
+@pytest.mark.parametrize('mean_m', [3e-9, 1e-7, 1e-4, 0.3, 90.0])
+def test_an_amplitude_of_any_size_is_told_without_an_exponent(mean_m: float) -> None:
+    told, rng = [], np.random.default_rng(1)
+    for cause in (states.BEYOND, states.ARRIVED, states.STEADY, states.FALLS, states.OVER):
+        for size in mean_m * rng.lognormal(size=20):
+            row = blank_rows(np.zeros(1, dtype=np.int64))[0]
+            row['state_cause'], row['lateral_amplitude'] = cause, size
+            row['lateral_amplitude_std'] = size * rng.uniform(0.003, 1.0)
+            row['noise_floor'] = row['unstable_amplitude'] = row['stable_amplitude'] = 0.5 * size
+            told.append(state_cause(row, BASIS)[1])
+    assert not [words for words in told if re.search(r'\de[+-]\d', words)]
 
 
 def test_no_row_that_is_quiet_says_that_it_is_not_quiet_yet(recorded, true_form) -> None:
