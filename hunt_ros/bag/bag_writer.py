@@ -210,9 +210,10 @@ class BagWriter:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        if kind is None:
-            self.close()
-        else:
+        try:
+            if kind is None:
+                self.close()
+        finally:  # nothing is there any more where it was closed
             self.abandon()
             shutil.rmtree(self.active, ignore_errors=True)
 

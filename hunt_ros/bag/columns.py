@@ -44,8 +44,9 @@ _LATE_NS = 3600 * NANOSECONDS
 _SET_BACK_NS = NANOSECONDS // 10
 #: Spacing of the samples that stand for a constant channel, ns.
 CONSTANT_STEP_NS = NANOSECONDS // 100
-#: Of so many stamps of a channel it is told whether its clock is that of the others.
-_LOOKED_AT = 1000
+#: Of so many stamps of a channel it is told whether its clock is that of the others: a tenth of
+#: fewer than the second is the hiccup of a start.
+_LOOKED_AT, _FEWEST_STAMPS = 1000, 100
 #: So many samples of one stamp are no mistake of a sender: nothing can be told of their motion.
 _FEWEST_TIMES = 10
 
@@ -232,15 +233,15 @@ def _apart(clocks: Mapping[str, Series]) -> str:
     ticking = {
         name: one
         for name, one in clocks.items()
-        if len(one) > _FEWEST_TIMES and (np.diff(one.stamps_ns) >= 0).all()
+        if len(one) >= _FEWEST_STAMPS and (np.diff(one.stamps_ns) >= 0).all()
     }
     off_s: dict[str, Any] = {}
     for name, one in ticking.items():
         first = next(iter(ticking.values()))
         both = one.between(int(first.stamps_ns[0]), int(first.stamps_ns[-1]) + 1)
-        if len(both) > _FEWEST_TIMES:
+        if len(both) >= _FEWEST_STAMPS:
             off = both.values - np.interp(both.stamps_ns, first.stamps_ns, first.values)
-            ends = np.array_split(off / NANOSECONDS, _FEWEST_TIMES)[::9]
+            ends = np.array_split(off / NANOSECONDS, 10)[::9]
             # Of a replay that runs faster a delay on the way is so much more by its stamps.
             pace = np.median(np.diff(one.values)) / max(1.0, np.median(np.diff(one.stamps_ns)))
             off_s[name] = np.array([np.median(end) for end in ends]) / max(1.0, pace)

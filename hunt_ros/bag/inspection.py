@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.blocks import by_topic, possible_times
+from hunt_ros.bag.blocks import by_topic
 from hunt_ros.bag.columns import find_topic, read_record
 from hunt_ros.bag.plausible import wrong_unit
 from hunt_ros.bag.reader import Bag
@@ -103,14 +103,12 @@ def inspect(
     """
     with Bag(path) as bag:
         times, damage = _read_times(bag, advance)
-        every = np.concatenate([np.zeros(0, np.int64), *times.values()])
-        every = every[possible_times(every)]
-        start, end = (int(every.min()), int(every.max())) if every.size else (0, 0)
+        start, end = bag.span_ns or (0, 0)
         report = Inspection(
             bag.path,
             sum(Path(file.path).stat().st_size for file in bag.files),
             [Path(file.path).name for file in bag.files],
-            start if every.size else None,
+            start if times else None,
             (end - start) / NANOSECONDS,
             bag.notes,
             problems=[_opening(problem) for problem in bag.problems] + damage,

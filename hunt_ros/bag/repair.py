@@ -27,8 +27,8 @@ from hunt_ros.bag.blocks import Block, Topic, expand_zstd, in_order, packed_topi
 from hunt_ros.bag.cdr.layout import extent
 from hunt_ros.bag.cdr.message_types import Definitions, definition_text, definitions_of
 from hunt_ros.bag.mcap import records as rec
-from hunt_ros.bag.mcap.file import McapFile, refuse_unproven
-from hunt_ros.bag.mcap.layout import IMPOSSIBLE, Layout, walked_places
+from hunt_ros.bag.mcap.file import McapFile, proven_places
+from hunt_ros.bag.mcap.layout import IMPOSSIBLE, Layout
 from hunt_ros.bag.mcap.writer import McapWriter
 from hunt_ros.bag.reader import ACTIVE, Bag, existing, folder_files, of_one, open_storage
 from hunt_ros.bag.sqlite_file import SALVAGE_HINT
@@ -175,9 +175,8 @@ def _copy_mcap(file: McapFile, writer: McapWriter, report: Repair) -> None:
 
 def copy_chunk(layout: Layout, chunk: rec.Chunk, writer: McapWriter) -> None:
     """Copy a chunk as it is; message by message without a CRC, or where one must be left out."""
-    raw = rec.expand_chunk(layout.view, chunk)
-    data, found = np.frombuffer(raw, np.uint8), walked_places(raw)
-    refuse_unproven(layout, chunk, data)
+    data = np.frombuffer(rec.expand_chunk(layout.view, chunk), np.uint8)
+    found = proven_places(layout, chunk, data)
     times = [(int(part.log_ns.min()), int(part.log_ns.max())) for part in found.values()]
     if not times:
         return

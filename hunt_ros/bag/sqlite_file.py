@@ -22,8 +22,8 @@ from hunt_ros.errors import BagError
 _ROWS = 20_000
 _BYTES = 1 << 22
 
-#: Times from 1970 on; one message of another time is passed over.
-_IN_TIME = "typeof(timestamp) = 'integer' AND timestamp >= 0"
+#: Bytes, at a time from 1970 on; what is not is passed over.
+_POSSIBLE = "typeof(timestamp) = 'integer' AND timestamp >= 0 AND typeof(data) = 'blob'"
 
 #: What a message about a damaged file says; SQLite knows no checksum.
 SALVAGE_HINT = '"sqlite3 FILE .recover" saves what can be read'
@@ -89,11 +89,11 @@ class SqliteFile:
 
     def _count(self) -> None:
         """Count the messages, and say of how many neither the topic nor the time is known."""
-        query = f'SELECT topic_id, {_IN_TIME} AS possible, COUNT(*) FROM messages GROUP BY 1, 2'
+        query = f'SELECT topic_id, {_POSSIBLE} AS possible, COUNT(*) FROM messages GROUP BY 1, 2'
         lost: Counter[str] = Counter()
         for key, possible, count in self._base.execute(query):
             if not possible:
-                lost['messages of an impossible time'] += count
+                lost['messages of an impossible time, or of no bytes'] += count
                 continue
             self.counts[int(key)] = int(count)
             if int(key) not in {topic.id for topic in self.topics}:
@@ -104,7 +104,7 @@ class SqliteFile:
     def span_ns(self) -> tuple[int, int] | None:
         """First and last log time, ns; None for a file with no message."""
         try:
-            query = f'SELECT MIN(timestamp), MAX(timestamp) FROM messages WHERE {_IN_TIME}'
+            query = f'SELECT MIN(timestamp), MAX(timestamp) FROM messages WHERE {_POSSIBLE}'
             first, last = self._base.execute(query).fetchone()
             return None if first is None else (int(first), int(last))
         except (sqlite3.Error, TypeError, ValueError):
@@ -131,7 +131,7 @@ class SqliteFile:
         """
         marks = ','.join('?' * len(wanted))
         query = 'SELECT topic_id, timestamp, data FROM messages'
-        query = f'{query} WHERE topic_id IN ({marks}) AND {_IN_TIME}'
+        query = f'{query} WHERE topic_id IN ({marks}) AND {_POSSIBLE}'
         cursor: sqlite3.Cursor | None = None
         failure: Exception | None = None
         count = 1
@@ -141,11 +141,8 @@ class SqliteFile:
             try:
                 cursor = cursor or self._base.execute(f'{query} ORDER BY id', [*wanted])
                 while len(rows) < _ROWS and size < _BYTES and (row := cursor.fetchone()):
-                    key, stamp, raw = row
-                    if not isinstance(raw, bytes):
-                        raise ValueError(f'a message is a {type(raw).__name__}, expected bytes')
-                    rows.append((key, stamp, raw))
-                    size += len(raw)
+                    rows.append(row)
+                    size += len(row[2])
                 if damaged is not None and not rows:  # by its index of times others read it
                     ((told,),) = self._base.execute('PRAGMA quick_check(1)')
                     failure = None if told == 'ok' else ValueError(told)

@@ -33,8 +33,8 @@ def run(arguments: argparse.Namespace) -> Found:
         print(f'hunt identify: {arguments.out} is not written: no normal form', file=sys.stderr)
     elif arguments.out and result.normal_form is not None:
         form = replace(result.normal_form, rig_name=options.rig_of(arguments).rig_name)
-        write_whole(arguments.out, form.to_yaml(), 'parameter file')
         write_whole(whole_of(arguments.out), result.save, 'identification')
+        write_whole(arguments.out, form.to_yaml(), 'parameter file')
     return Found(result.to_json(), describe(result), 0 if result.normal_form is not None else 1)
 
 

@@ -600,9 +600,12 @@ def test_times_of_a_simulation_are_times(tmp_path) -> None:
     assert Record(record).duration_s > 1000.0
 
 
-def test_what_was_wrong_with_the_original_is_not_wrong_with_what_was_made_of_it(tmp_path) -> None:
+@pytest.mark.parametrize('damage', ['timestamp = -5', "data = 'words'"])
+def test_what_was_wrong_with_the_original_is_not_wrong_with_what_was_made_of_it(
+    tmp_path, damage: str
+) -> None:
     file = write_rosbags(tmp_path / 'peer', counted(50))
-    change(file, 'UPDATE messages SET timestamp = -5 WHERE id = 7')
+    change(file, f'UPDATE messages SET {damage} WHERE id = 7')
     record = read_record(file)
     assert sum(len(series) for series in record.values()) == 99
     assert any('impossible time' in text for text in problems(file))

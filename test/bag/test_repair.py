@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bags_made import chunks_of, compressed, make_record, write_mcap, write_messages, write_rosbags
+from mcap.writer import CompressionType
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin
 
@@ -320,7 +321,7 @@ def test_a_message_that_no_command_can_read_is_not_saved(tmp_path: Path, what: s
 
 
 def test_a_message_that_damage_has_swallowed_is_missed(tmp_path: Path) -> None:
-    """Where there is no CRC the copy cannot tell what is wrong, but how much is not there."""
+    """Where there is no CRC the copy cannot tell what is wrong, but which are not there."""
     file = write_rosbags(tmp_path / 'run', make_record(seconds=0.2), plugin=StoragePlugin.MCAP)
     data = bytearray(file.read_bytes())
     with closing(McapFile(file)) as sound:
@@ -331,4 +332,28 @@ def test_a_message_that_damage_has_swallowed_is_missed(tmp_path: Path) -> None:
     file.write_bytes(data)
     report = repair(file, tmp_path / 'out')
     assert report.messages == total - 1
-    assert report.problems[-1].endswith('1 messages of its summary are not there')
+    told = '1 messages that are not those of their index are left out'
+    assert report.problems[-1].endswith(told)
+
+
+@pytest.mark.parametrize('what', ['the length', 'the topic', 'the log time', 'the kind'])
+def test_damage_to_a_chunk_without_a_crc_costs_its_messages_alone(tmp_path: Path, what) -> None:
+    """A length that was damaged cost all messages of the chunk; a time or a topic was kept."""
+    file = write_mcap(
+        tmp_path / 'a.mcap', make_record(seconds=0.4), enable_crcs=False,
+        compression=CompressionType.NONE,
+    )  # fmt: skip
+    sound, data = message_set(file), bytearray(file.read_bytes())
+    place = {'the kind': 0, 'the length': 3, 'the topic': 10, 'the log time': 20}
+    with closing(McapFile(file)) as opened:
+        chunks = opened.layout.chunks
+        for chunk in chunks:
+            starts = walked_places(expand_chunk(opened.view, chunk)).popitem()[1].starts
+            at = chunk.data + int(starts[3]) - MESSAGE_PREFIX
+            data[at + place[what]] ^= 85
+    file.write_bytes(data)
+    report = repair(file, tmp_path / 'out')
+    assert message_set(report.path) < sound
+    assert report.messages == len(sound) - len(chunks)
+    told = f'{len(chunks)} messages that are not those of their index are left out'
+    assert any(told in problem for problem in report.problems)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import resource
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +15,7 @@ from made import python
 
 from hunt_ros.bag import BagWriter, read_record, write_record
 from hunt_ros.bag.record_writer import serialise
-from hunt_ros.cli.main import parser_of
+from hunt_ros.cli.main import main, parser_of
 from hunt_ros.cli.replay import read
 from hunt_ros.cli.support.live_replay import _player
 from hunt_ros.errors import HuntError
@@ -129,3 +131,35 @@ def test_a_closed_pipe_is_no_failure(tmp_path: Path) -> None:
         assert child.stdout is not None
         child.stdout.close()
         assert child.wait(60) == 0
+
+
+@pytest.mark.parametrize('spare', [0.02, 0.5, 0.99, 0.999])
+@pytest.mark.parametrize('verb', ['import', 'info', 'export', 'simulate'])
+def test_a_disk_that_is_full_costs_one_line_and_leaves_nothing(
+    tmp_path: Path, capsys, verb: str, spare: float
+) -> None:
+    """No file may become larger than this share of what it would be, as on a full disk."""
+    bag, out = tmp_path / 'bag', tmp_path / 'out'
+    rng = np.random.default_rng(1)
+    write_record(bag, Record({'lateral': Series(STAMPS, 1e-3 * rng.standard_normal(500))}))
+    words = {
+        'import': ['import', str(bag), str(out / 'a')],
+        'info': ['info', str(bag), '--repair', str(out / 'a')],
+        'export': ['export', str(bag), str(out / 'a.csv')],
+        'simulate': ['simulate', str(out / 'a'), '--duration', '2'],
+    }[verb]
+    out.mkdir()
+    assert main(words) == 0
+    largest = max(path.stat().st_size for path in out.rglob('*') if path.is_file())
+    shutil.rmtree(out)
+    out.mkdir()
+    capsys.readouterr()
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(spare * largest), usual[1]))
+    try:
+        assert main(words) == 2
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert 'File too large' in line
+    assert not list(out.iterdir()), 'nothing half-written'

@@ -65,6 +65,8 @@ _ONE_MARK = re.compile(r'[+-]?\d*([.,])\d*(?:[eE][+-]?\d+)?')
 _DECIMAL_COMMA = re.compile(r'[+-]?\d+(?:,\d+)?(?:[eE][+-]?\d+)?')
 #: A cell with nothing in it, and what stands for it: of any kind of numbers, and none of a sensor.
 _EMPTY, _HOLE = re.compile(r'(^|[;,\t|]) *(?![^;,\t|])'), np.iinfo(np.int64).min
+#: A waveform does not begin longer behind its start, s.
+_LONGEST_S = 1e9
 #: A date as Germany writes it; a time of day.
 _DAY_FIRST = re.compile(r'^(\d\d?)\.(\d\d?)\.(\d{4})[ T]+(\d\d:.*)$')
 _CLOCK = re.compile(r'^\d\d?:\d\d:\d\d(\.\d*)?$')
@@ -144,9 +146,11 @@ def _series(value: Any, source: str) -> NDArray[Any]:
     if isinstance(value, Mapping):
         raise BagError(f'{source} is a structure, expected one of {_shown(value)}')
     if _is_list(value):
+        inside = [f'.{_shown(one)}' for one in value[:1] if isinstance(one, Mapping)]
+        kind = 'structures' if inside else 'words or cells'
         raise BagError(
-            f'{source} is an array of {len(value)} structures, expected one such as'
-            f' {source}[0].{_shown(value[0]) or "..."}'
+            f'{source} is an array of {len(value)} {kind}, expected numbers'
+            + ''.join(f', one such as {source}[0]{one}' for one in inside)
         )
     array = np.asanyarray(value)
     if array.dtype.kind not in 'biufM':
@@ -417,8 +421,14 @@ def _read_numpy(path: Path) -> Mapping[str, Any]:
         if content.dtype.names:
             return {name: content[name] for name in content.dtype.names}
         return {'data': content}
+    columns: dict[str, Any] = {}
     with content:
-        return {name: content[name] for name in content.files}
+        for name in content.files:
+            try:
+                columns[name] = content[name]
+            except ValueError as error:  # Python objects: nobody may want them
+                columns[name] = BagError(f'{name} cannot be read ({one_line(error)})')
+    return columns
 
 
 def _read_tdms(path: Path) -> Table:
@@ -439,9 +449,15 @@ def _read_tdms(path: Path) -> Table:
             for name in [f'{channel.group_name}/{channel.name}', *short]:
                 table[name] = channel[:]
                 table.units[name] = str(about.get('unit_string', ''))
-                if 0.0 < (step := about.get('wf_increment', 0.0)) < 1e3:
+                try:
+                    step = float(about.get('wf_increment', 0.0))
+                    first = float(about.get('wf_start_offset', 0.0))
                     begin = np.datetime64(about.get('wf_start_time', 0), 'ns').astype(np.int64)
-                    offset = about.get('wf_start_offset', 0.0) + step * np.arange(len(channel))
+                except (TypeError, ValueError) as error:
+                    text = f'{name}: its waveform has no times ({one_line(error)})'
+                    raise BagError(text) from error
+                if 0.0 < step < 1e3 and abs(first) < _LONGEST_S:
+                    offset = first + step * np.arange(len(channel))
                     table.stamps_ns[name] = begin + np.rint(offset * 1e9).astype(np.int64)
     return table
 

@@ -35,6 +35,8 @@ BLOCK_BYTES = 1 << 22
 REPAIR = '; "hunt info BAG --repair OUT" saves what is sound'
 
 
+#: A kind of what cannot be read: no CRC, and the index tells something else.
+UNPROVEN = 'messages that are not those of their index'
 #: A chunk, expanded and checked, and where its messages lie in it.
 _Opened: TypeAlias = tuple[rec.Chunk, NDArray[np.uint8], dict[int, Places]]
 
@@ -153,10 +155,10 @@ class McapFile:
         try:
             data = np.frombuffer(rec.expand_chunk(whole.data, chunk), dtype=np.uint8)
             index = self.layout.indexes.get(chunk.offset)
-            places = None if index is None else _indexed_places(data, index, whole, topics)
-            if places is None:
-                refuse_unproven(self.layout, chunk, data)
+            places, fits = _indexed_places(data, index or {}, whole, topics)
+            if index is None or not fits:
                 if index is not None:
+                    _refuse_unproven(chunk)
                     said = f'chunk at byte {chunk.offset} has a message index that does not fit'
                     self.remarks.append(('bad_index', f'{said}: it was walked through'))
                 places = walked_places(data.data)
@@ -197,20 +199,32 @@ def _block(whole: NDArray[np.uint8], group: list[_Opened]) -> Block:
     return Block(data, joined)
 
 
-def refuse_unproven(layout: Layout, chunk: rec.Chunk, data: NDArray[np.uint8]) -> None:
+def proven_places(layout: Layout, chunk: rec.Chunk, data: NDArray[np.uint8]) -> dict[int, Places]:
     """
-    Refuse a compressed chunk that has no CRC, and whose messages are not those of its index.
+    Find the messages of a chunk; without a CRC those that its index tells as they are.
 
-    Bytes that were damaged before they were expanded are seen by nothing else, and harm others.
+    What is left out is counted by the layout.
 
     Raises
     ------
     ValueError
-        If it is such a chunk.
+        If it is no sequence of records, or compressed, with nothing that proves all of it.
     """
-    index, whole = layout.indexes.get(chunk.offset, {}), np.frombuffer(layout.view, np.uint8)
-    unproven = chunk.compression and not chunk.crc
-    if unproven and _indexed_places(data, index, whole, set(index)) is None:
+    index = layout.indexes.get(chunk.offset)
+    if chunk.crc or not index:
+        return walked_places(data.data)
+    whole = np.frombuffer(layout.view, np.uint8)
+    found, fits = _indexed_places(data, index, whole, index.keys())
+    if not fits:
+        _refuse_unproven(chunk)
+    told = sum(count for _, count in index.values())
+    layout.left_out[UNPROVEN] += told - sum(part.starts.size for part in found.values())
+    return found
+
+
+def _refuse_unproven(chunk: rec.Chunk) -> None:
+    """Refuse what damage in front of the expansion may have harmed anywhere: nothing shows it."""
+    if chunk.compression and not chunk.crc:
         raise ValueError('its messages are not those of its index, and it has no CRC')
 
 
@@ -218,18 +232,16 @@ def _indexed_places(
     data: NDArray[np.uint8],
     index: dict[int, IndexPlace],
     whole: NDArray[np.uint8],
-    wanted: set[int],
-) -> dict[int, Places] | None:
-    """Find the messages of topics in a chunk by its indexes; None where one does not fit it."""
-    found = {}
-    for channel in wanted & index.keys():
+    wanted: Collection[int],
+) -> tuple[dict[int, Places], bool]:
+    """Find messages of topics in a chunk by its indexes, and whether all are where these say."""
+    found, fits = {}, True
+    for channel in index.keys() & wanted:
         offset, count = index[channel]
         entries = whole[offset : offset + count * ENTRY_BYTES].view('<u8')
-        places = _checked_places(data, entries[1::2], entries[::2], channel)
-        if places is None:
-            return None
-        found[channel] = places
-    return found
+        found[channel] = _checked_places(data, entries[1::2], entries[::2], channel)
+        fits &= found[channel].starts.size == count
+    return found, fits
 
 
 def _checked_places(
@@ -237,11 +249,12 @@ def _checked_places(
     offsets: NDArray[np.uint64],
     times: NDArray[np.uint64],
     channel: int,
-) -> Places | None:
-    """Check that there is a message of the channel at every offset, and where it ends."""
-    last = data.size - rec.MESSAGE_PREFIX
-    if last < 0 or int(offsets.max()) > last:
-        return None
+) -> Places:
+    """Return the messages of a channel that are at these offsets and of these times."""
+    inside = offsets <= max(0, data.size - rec.MESSAGE_PREFIX)
+    if data.size < rec.MESSAGE_PREFIX or not inside.all():
+        inside &= data.size >= rec.MESSAGE_PREFIX
+        offsets, times = offsets[inside], times[inside]
     places = offsets.astype(np.int64)
     # Opcode and the low bytes of the length; the rest of it, and the channel.
     head = strided(data, '<u8', 0)[places]
@@ -250,10 +263,11 @@ def _checked_places(
     starts = places + rec.MESSAGE_PREFIX
     log_ns = strided(data, '<u8', 15)[places]
     sound = (
-        ((head & np.uint64(0xFF)) == rec.MESSAGE).all()
-        and ((rest & np.uint32(0xFFFFFF)) == channel << 8).all()
-        and (lengths >= 0).all()
-        and (lengths <= data.size - starts).all()
-        and (log_ns == times).all()
+        ((head & np.uint64(0xFF)) == rec.MESSAGE)
+        & ((rest & np.uint32(0xFFFFFF)) == channel << 8)
+        & (lengths >= 0)
+        & (lengths <= data.size - starts)
+        & (log_ns == times)
     )
-    return Places(log_ns.view(np.int64), starts, lengths) if sound else None
+    found = Places(log_ns.view(np.int64), starts, lengths)
+    return found if sound.all() else Places(*(part[sound] for part in found))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from pathlib import Path
 
 import numpy as np
@@ -392,6 +393,49 @@ def test_channels_of_tdms_have_groups_and_waveforms_their_times(
     np.testing.assert_array_equal(np.diff(record['lateral'].stamps_ns), 2_000_000)
     np.testing.assert_array_equal(np.diff(record['speed'].stamps_ns), 10_000_000)
     np.testing.assert_allclose(record['lateral'].values, 0.001 * np.arange(500))
+
+
+def tdms_of(folder: Path, **channels: tuple) -> Path:
+    """Return a file with these channels, each its values and its properties."""
+    nptdms = pytest.importorskip('nptdms', reason='the extra tdms is not installed')
+    with nptdms.TdmsWriter(folder / 'a.tdms') as writer:
+        writer.write_segment([nptdms.ChannelObject('a', n, *of) for n, of in channels.items()])
+    return folder / 'a.tdms'
+
+
+@pytest.mark.parametrize(
+    ('about', 'words'),
+    [
+        ({'wf_increment': 'quick'}, 'a/lateral: its waveform has no times'),
+        ({'wf_increment': 0.01, 'wf_start_time': 'yesterday'}, 'its waveform has no times'),
+        ({'wf_increment': 0.01, 'wf_start_offset': 'late'}, 'its waveform has no times'),
+        ({'wf_increment': 0.01, 'wf_start_offset': 1e300}, 'no column of times'),
+        ({'wf_increment': math.nan}, 'no column of times'),
+        ({}, 'no column of times'),
+    ],
+)
+def test_a_waveform_without_times_is_told_in_one_line(tmp_path, capsys, about, words) -> None:
+    file = tdms_of(tmp_path, lateral=(np.arange(60.0), about))
+    assert main(['import', str(file), str(tmp_path / 'out')]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line
+
+
+def test_a_channel_of_words_is_told_as_such(tmp_path, capsys) -> None:
+    file = tdms_of(tmp_path, lateral=(['a'] * 60, {}), t=(np.arange(60.0), {}))
+    assert main(['import', str(file), str(tmp_path / 'out')]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert 'lateral is an array of 60 words or cells, expected numbers' in line
+
+
+def test_objects_in_a_file_of_numpy_harm_no_other_column(tmp_path, capsys) -> None:
+    columns = {'t': 1.0 + np.arange(60) / 100.0, 'lateral': 1e-3 * np.arange(60.0) / 60.0}
+    file = tmp_path / 'a.npz'
+    np.savez(file, note=np.array({'day': 1}, dtype=object), **columns)
+    assert len(load_record(file)['lateral']) == 60
+    assert main(['import', str(file), str(tmp_path / 'out'), '--channel', 'lateral=note']) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert 'note cannot be read' in line
 
 
 def test_a_file_of_labview_has_its_units_in_front(tmp_path: Path) -> None:
