@@ -139,8 +139,9 @@ class _Reader:
                 if count
             ]
             columns[name] = series
-            some = np.linspace(0, log_ns.size - 1, min(log_ns.size, _LOOKED_AT)).astype(np.int64)
-            clocks[name] = Series(log_ns[some], series.stamps_ns[some].astype(np.float64))
+            some = np.linspace(0, log_ns.size - 1, _LOOKED_AT).astype(np.int64)
+            if log_ns.size >= _FEWEST_STAMPS and (np.diff(log_ns[some]) >= 0).all():
+                clocks[name] = Series(log_ns[some], series.stamps_ns[some].astype(np.float64))
         self.bag.remarks += [one for one in [_set_back(columns) or _apart(clocks)] if one]
         return columns
 
@@ -230,14 +231,9 @@ def _apart(clocks: Mapping[str, Series]) -> str:
 
     `clocks` are some stamps of each channel, as the values of a series, at their log times.
     """
-    ticking = {
-        name: one
-        for name, one in clocks.items()
-        if len(one) >= _FEWEST_STAMPS and (np.diff(one.stamps_ns) >= 0).all()
-    }
     off_s: dict[str, Any] = {}
-    for name, one in ticking.items():
-        first = next(iter(ticking.values()))
+    for name, one in clocks.items():
+        first = next(iter(clocks.values()))
         both = one.between(int(first.stamps_ns[0]), int(first.stamps_ns[-1]) + 1)
         if len(both) >= _FEWEST_STAMPS:
             off = both.values - np.interp(both.stamps_ns, first.stamps_ns, first.values)

@@ -89,7 +89,7 @@ class Recording:
         """
         settings = self.settings
         record = self.source if isinstance(self.source, Record) else self.source()
-        bursts = record.notes.get('bursts', '')
+        bursts, problems = (record.notes.get(name, '') for name in ('bursts', 'problems'))
         untimed = any(bursts_of(record[n].stamps_ns) for n in DISPLACEMENTS if n in record)
         record = replace(record, channels={name: one.in_order() for name, one in record.items()})
         record, ignored = ignoring(record, self.number, settings)
@@ -107,11 +107,11 @@ class Recording:
             few = f'{rate:.3g} samples a second are too few for a mode of {low:g} Hz'
             refuse(rate < 4.0 * low, channels[0].source, few)
         except IdentificationError as error:
-            refused = str(error)
+            refused = f'{error}; damaged: {problems}' if problems else str(error)
         digest = Digest(
             source=record.source or 'record',
             rig=record.notes.get('rig', '').strip(),
-            problems=record.notes.get('problems', ''),
+            problems=problems,
             span=(record.start_ns, record.end_ns),
             sketch=sketch_of(
                 record.get('lateral', Series(np.zeros(0, dtype=np.int64), np.zeros(0)))

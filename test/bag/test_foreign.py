@@ -500,6 +500,9 @@ def test_two_clocks_in_one_recording_are_told_in_one_line(
     for verb in ('check', 'replay', 'info'):
         main([verb, str(file)])
         assert capsys.readouterr().out.count(said) == bool(told)
+    if ahead_s > 1.0:
+        assert main(['identify', str(file)]) == 2
+        assert capsys.readouterr().err.count(said) == 1
 
 
 def test_a_replay_at_another_pace_is_no_second_clock(tmp_path) -> None:

@@ -251,9 +251,8 @@ def _checked_places(
     channel: int,
 ) -> Places:
     """Return the messages of a channel that are at these offsets and of these times."""
-    inside = offsets <= max(0, data.size - rec.MESSAGE_PREFIX)
-    if data.size < rec.MESSAGE_PREFIX or not inside.all():
-        inside &= data.size >= rec.MESSAGE_PREFIX
+    inside = offsets < max(0, data.size - rec.MESSAGE_PREFIX + 1)
+    if not inside.all():
         offsets, times = offsets[inside], times[inside]
     places = offsets.astype(np.int64)
     # Opcode and the low bytes of the length; the rest of it, and the channel.
