@@ -13,10 +13,10 @@ from hunt_ros.detection import doubts
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 
-#: Sensors contradict each other beyond this many standard deviations, one of them shows less than
-#: this part of what the other tells, or nothing while the other one is clear of its noise by this
-#: factor; for so long, s, a blow moves more than one mode.
-_CONTRARY, _PART, _CLEAR, _AGREE_S = 3.0, 0.5, 100.0, 0.5
+#: Sensors contradict each other beyond this many standard deviations, or where one shows less than
+#: this part of what the other tells, or nothing of what it would show if it were so many times as
+#: poor; for so long, s, a blow moves more than one mode.
+_CONTRARY, _PART, _POOR, _AGREE_S = 3.0, 0.5, 10.0, 0.5
 #: A motion within this part of the frequency of a line, that is what a filter of two periods
 #: resolves, is told from it only where the line has less than this part of its amplitude: a line
 #: that passes the hunting frequency resonates, and the filter may share out one motion, or make
@@ -152,7 +152,7 @@ class Agreement:
         b, t = track['yaw_amplitude'], track['yaw_amplitude_std']
         told, std = by_yaw(track)
         measured = (track['lateral_tied'] == 0.0) & np.isfinite(a + b)
-        hidden = np.isnan(told) & (a < _CONTRARY * s) & (b > _CLEAR * t)
+        hidden = np.isnan(told) & (a < _CONTRARY * s) & (b > _CONTRARY * _POOR * t)
         smaller = a + _CONTRARY * s < _PART * (told - _CONTRARY * std)
         shown = np.where(np.isnan(told), a > _CONTRARY * s, a > _PART * told)
         return measured & (smaller | hidden), ~measured | shown
