@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.blocks import by_topic
+from hunt_ros.bag.blocks import by_topic, span_of
 from hunt_ros.bag.columns import find_topic, read_record
 from hunt_ros.bag.plausible import wrong_unit
 from hunt_ros.bag.reader import Bag
@@ -103,12 +103,13 @@ def inspect(
     """
     with Bag(path) as bag:
         times, damage = _read_times(bag, advance)
-        start, end = bag.span_ns or (0, 0)
+        span = span_of([*times.values()])
+        start, end = span or (0, 0)
         report = Inspection(
             bag.path,
             sum(Path(file.path).stat().st_size for file in bag.files),
             [Path(file.path).name for file in bag.files],
-            start if times else None,
+            start if span else None,
             (end - start) / NANOSECONDS,
             bag.notes,
             problems=[_opening(problem) for problem in bag.problems] + damage,
