@@ -183,6 +183,15 @@ def test_a_reading_that_no_sensor_gives_is_found_and_none_to_any_command(
         assert told in Path(json).read_text()
 
 
+@pytest.mark.parametrize('size', [0.02, 5.0])
+def test_a_sensor_that_spikes_once_is_not_dead(check, size: float) -> None:
+    values = _sound()['lateral'].values.copy()
+    values[700] = size
+    _, found = check(changed(_sound(), lateral=values))
+    assert ('motion', 'lateral') not in found
+    assert found['range', 'lateral']['text'] == 'has 1 spike of one sample'
+
+
 @pytest.mark.parametrize('lost', [np.nan, np.inf])
 def test_a_speed_that_is_no_number_tells_no_diameter(check, lost) -> None:
     code, found = check(changed(_sound(), speed=lost))
