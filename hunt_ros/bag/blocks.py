@@ -94,6 +94,13 @@ def possible_times(times_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
     return possible
 
 
+def span_of(parts: Sequence[NDArray[np.int64]]) -> tuple[int, int] | None:
+    """Return the first and the last of the times, ns, that are possible; None without any."""
+    times = np.concatenate([np.zeros(0, np.int64), *parts])
+    times = times[possible_times(times)]
+    return (int(times.min()), int(times.max())) if times.size else None
+
+
 def pack_messages(rows: Sequence[tuple[int, int, bytes]]) -> Block:
     """Make a block of loose messages, (topic id, log time, bytes), in their order."""
     lengths = np.fromiter((len(raw) for _, _, raw in rows), np.int64, len(rows))

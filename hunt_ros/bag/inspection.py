@@ -8,16 +8,16 @@ goes on: it reads everything, checks every chunk, and looks at the time of every
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.blocks import by_topic
+from hunt_ros.bag.blocks import by_topic, span_of
 from hunt_ros.bag.columns import find_topic, read_record
-from hunt_ros.bag.plausible import wrong_unit
+from hunt_ros.bag.plausible import possible_readings, wrong_unit
 from hunt_ros.bag.reader import Bag
 from hunt_ros.bursts import bursts_of
 from hunt_ros.errors import BagError, MessageError
@@ -39,7 +39,7 @@ class Problem:
     One thing that is wrong.
 
     `kind` is one of: not_closed, damaged_file, damaged_chunk, damaged_message, bad_index,
-    gap, stopped, clock_jump, missing_channel, wrong_unit. `time_s` counts from the
+    gap, stopped, clock_jump, missing_channel, wrong_unit, bursts. `time_s` counts from the
     recording's first stamp, or is None where the problem has no place in time.
     """
 
@@ -103,12 +103,13 @@ def inspect(
     """
     with Bag(path) as bag:
         times, damage = _read_times(bag, advance)
-        start, end = bag.span_ns or (0, 0)
+        span = span_of([*times.values()])
+        start, end = span or (0, 0)
         report = Inspection(
             bag.path,
             sum(Path(file.path).stat().st_size for file in bag.files),
             [Path(file.path).name for file in bag.files],
-            start if times else None,
+            start if span else None,
             (end - start) / NANOSECONDS,
             bag.notes,
             problems=[_opening(problem) for problem in bag.problems] + damage,
@@ -157,6 +158,8 @@ def _measured(bag: Bag) -> tuple[Record, list[Problem]]:
         for text in dict.fromkeys(bag.remarks)
         if 'set back' not in text  # each topic says when its own was
     ]
+    if far := possible_readings(replace(record, notes={})).notes.get('problems'):
+        found.append(Problem('damaged_message', far))
     found += [Problem('wrong_unit', text) for text in texts if text]
     if bursts := record.notes.get('bursts'):
         found.append(Problem('bursts', bursts))

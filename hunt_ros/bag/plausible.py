@@ -15,7 +15,7 @@ from hunt_ros.sensors import SENSORS
 _WINDOW_S, _FEWEST = 1.0, 50
 #: No sensor measures less, whatever its unit: where all is less, its bytes are of another type.
 _LEAST = 1e-20
-#: Readings of so many times the largest usual one are none; nor are those, in any unit, of more.
+#: Readings of so many times the largest usual one, or of so much in any unit, or more are none.
 _IMPOSSIBLE, NO_READING = 1e4, 1e30
 #: A step of the roller that is so near to a turn is a wrap, rad.
 _NEAR_TURN = 0.1
@@ -82,9 +82,10 @@ def possible_readings(record: Record) -> Record:
     for name, series in record.items():
         sizes = np.where(np.isfinite(series.values), np.abs(series.values), 0.0)
         most = _IMPOSSIBLE * LARGEST[name][0] if name != 'roller' else NO_READING
-        if 100 * np.count_nonzero(sizes > most) > max(100, sizes.size) or wrong_unit(name, series):
+        many = 100 * np.count_nonzero(sizes >= most) > max(100, sizes.size)
+        if many or wrong_unit(name, series):
             most = NO_READING
-        if (far := sizes > most).any():
+        if (far := sizes >= most).any():
             channels[name] = Series(series.stamps_ns, np.where(far, math.nan, series.values))
             told.append(
                 f'channel {name}: {np.count_nonzero(far)} readings of up to {sizes.max():.3g} (SI)'

@@ -17,11 +17,10 @@ from contextlib import AbstractContextManager, ExitStack, nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 import yaml
 import zstandard
 
-from hunt_ros.bag.blocks import LONGEST_NS, Block, Topic, expand_messages, possible_times
+from hunt_ros.bag.blocks import LONGEST_NS, Block, Topic, expand_messages, span_of
 from hunt_ros.bag.mcap.file import McapFile
 from hunt_ros.bag.sqlite_file import SqliteFile
 from hunt_ros.errors import BagError
@@ -157,13 +156,12 @@ class Bag:
     def span_ns(self) -> tuple[int, int] | None:
         """First and last log time over all files, ns; None for an empty recording."""
         ends = [end for file in self.files for end in file.span_ns or ()]
-        if ends and max(ends) - min(ends) > LONGEST_NS:  # all of them tell a clock from damage
+        span = (min(ends), max(ends)) if ends else None
+        if span and span[1] - span[0] > LONGEST_NS:  # all of them tell a clock from damage
             blocks = self.blocks(self.topics, lambda error: None)
             parts = [part.log_ns for _, block in blocks for part in block.places.values()]
-            times = np.concatenate(parts or [np.array(ends)])
-            times = times[possible_times(times)]
-            ends = [int(times.min()), int(times.max())]
-        return (min(ends), max(ends)) if ends else None
+            span = span_of(parts) or span
+        return span
 
     def strings(self, name: str) -> dict[str, str]:
         """

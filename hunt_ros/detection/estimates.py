@@ -50,8 +50,10 @@ class Estimator:
 
     def __init__(self, config: DetectorConfig) -> None:
         self._shape: ModeShape | None = None
-        #: Of each channel what was wrong in the last row; the rows in which it is told on.
+        #: Of each channel what is wrong in the last row, and what was before a new beginning;
+        #: the rows in which that is told on.
         self._wrong: dict[str, int] = {}
+        self._before: dict[str, int] = {}
         self._told_on = 0
         self._begin(config)
 
@@ -105,6 +107,7 @@ class Estimator:
 
     def reset(self) -> None:
         """Forget every sample, but for the mode shape, and what is wrong till that is over."""
+        self._before = dict(self._wrong)
         self._told_on = round(health.FAULT_HOLD_S * NANOSECONDS / self.config.period_ns)
         self._begin(self.config)
 
@@ -203,7 +206,7 @@ class Estimator:
             return
         for name in self._channels:
             wrong = rows[f'{name}_wrong']
-            wrong[: self._told_on] |= np.uint32(self._wrong.get(name, 0))
+            wrong[: self._told_on] |= np.uint32(self._before.get(name, 0))
             self._wrong[name] = int(wrong[-1]) & (health.FAULTS | health.MISSING)
         self._told_on = max(self._told_on - rows.size, 0)
 

@@ -35,6 +35,8 @@ _SETTLED, _CLEAR, _STEADY = 10.0, 10.0, 0.03
 #: Neumann, 1941), to 0.15 n times where they are motion. At 1.5 the amplitude is 0.9 deviations of
 #: a cell: three of what two periods tell of it.
 _WHITE = 1.5
+#: What is beyond these percentiles is cut off: a spike is noise, and larger than all motion.
+_USUAL = (0.5, 99.5)
 
 
 def compared_amplitudes(
@@ -106,11 +108,13 @@ def unmoved(
         rows, clear, *_ = _followed(record, moving, span, frequency_hz, orders)
         for name, other in told.items() if clear.any() else ():
             here = other.between(int(span.stamps_ns[0]), int(span.stamps_ns[-1]) + 1)
+            if not len(here):
+                continue
             cell = (here.stamps_ns - span.stamps_ns[0]) // round(_step_ns(frequency_hz))
             count = np.fmax(np.bincount(cell), 1)
-            means = (np.bincount(cell, weights=here.values) / count)[np.unique(cell)]
-            white = _WHITE * means.size * np.var(means) if means.size else 0.0
-            if np.sum(np.diff(means) ** 2) > white:
+            values = np.clip(here.values, *np.percentile(here.values, _USUAL))
+            means = (np.bincount(cell, weights=values) / count)[np.unique(cell)]
+            if np.sum(np.diff(means) ** 2) > _WHITE * means.size * np.var(means):
                 size = float(np.median(rows[f'{moving}_amplitude'][clear]))
                 unit = next(sensor.unit for sensor in SENSORS if sensor.name == moving)
                 dead[name] = f'shows only noise while {moving} moves by {size:.3g} {unit}'

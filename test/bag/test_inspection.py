@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+import struct
 from contextlib import closing
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from bags_made import make_record, write_mcap, write_rosbags
 from hunt_ros.bag import read_record, write_record
 from hunt_ros.bag.inspection import inspect
 from hunt_ros.bag.mcap.layout import Layout
-from hunt_ros.bag.mcap.records import FOOTER_SIZE, MESSAGE_PREFIX
+from hunt_ros.bag.mcap.records import FOOTER_SIZE, MESSAGE_PREFIX, RECORD
 from hunt_ros.samples import Record, Series
 
 
@@ -80,3 +81,18 @@ def test_what_no_other_command_can_read_is_not_sound(small, tmp_path) -> None:
     assert len(record['lateral']) == len(read_record(small)['lateral']) - 1
     assert 'topic /rig/lateral: 1 messages cannot be read' in record.notes['problems']
     assert [kind for kind, _ in kinds(file)] == ['damaged_message']
+
+
+@pytest.mark.parametrize('off_s', [(0.2, 0.0), (0.0, -0.2), (-3e4, 0.0)], ids=str)
+def test_times_in_the_head_of_a_chunk_change_no_time_of_a_message(tmp_path, off_s) -> None:
+    record = make_record(seconds=2.0)
+    file = write_mcap(tmp_path / 'run.mcap', record, chunk_size=1 << 20)
+    raw = bytearray(file.read_bytes())
+    place = Layout(memoryview(bytes(raw))).chunks[0].offset + RECORD.size
+    times = struct.unpack_from('<QQ', raw, place)
+    moved = [at + round(1e9 * off) for at, off in zip(times, off_s, strict=True)]
+    struct.pack_into('<QQ', raw, place, *moved)
+    file.write_bytes(raw)
+    found = inspect(file)
+    assert (found.problems, found.duration_s) == ([], pytest.approx(record.duration_s))
+    assert found.start_ns == record.start_ns

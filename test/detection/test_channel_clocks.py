@@ -9,7 +9,9 @@ import pytest
 from fed import Fed
 from made import PAPER, SECOND
 
-from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, detect
+from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, detect, health
+from hunt_ros.detection.door import Block
+from hunt_ros.detection.estimates import Estimator
 from hunt_ros.detection.words.status import DetectorStatus
 from hunt_ros.samples import Record, Series
 
@@ -172,3 +174,25 @@ def test_a_clock_that_is_set_ends_no_fault(how: str, back_s: float) -> None:
     well_s = events[1].since_ns / SECOND - 4000.0 + back_s
     assert well_s == pytest.approx(30.0, abs=0.05)
     assert ' after ' not in events[1].cause, 'how long it lasted is not known'
+
+
+def test_what_is_told_on_after_a_new_beginning_is_the_same_in_any_blocks() -> None:
+    """An optional channel that comes late is absent until it does, and no longer."""
+    channels = ('lateral', 'yaw', 'speed')
+    config = DetectorConfig(channels, optional_channels=('yaw',), hunting_frequency_hz=2.84)
+    stamps = 10_000_000 * np.arange(150) + SECOND
+
+    def told(size: int) -> list[int]:
+        estimator, found = Estimator(config), []
+        estimator.reset()
+        for begin in range(0, stamps.size, size):
+            rows = stamps[begin : begin + size]
+            came = dict.fromkeys(channels, rows) | {'yaw': rows[rows > stamps[19]]}
+            blocks = {
+                name: Block(at, 1e-5 * np.sin(at * 1e-7), np.zeros(at.size, np.uint8), None, False)
+                for name, at in came.items()
+            }
+            found += estimator.run(rows, blocks)[0]['yaw_wrong'].tolist()
+        return found
+
+    assert told(7) == told(150) == 20 * [health.ABSENT] + 130 * [0]

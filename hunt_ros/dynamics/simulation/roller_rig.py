@@ -178,10 +178,10 @@ class RollerRig:
             raise ConfigError(f'cannot advance by {count} samples')
         if targets is None:
             targets = np.full(count, self.target_speed)
-        elif count:
-            self.target_speed = float(targets[-1])
         if targets.shape != (count,) or not (targets >= 0.0).all() or np.isinf(targets).any():
             raise ConfigError(f'{count} samples need as many set points, finite and not negative')
+        if count:
+            self.target_speed = float(targets[-1])
         forcing = self._forcing.standard_normal((count, self._substeps))
         noise = self._noise.standard_normal((count, 3))
         out = np.empty((4, count))
