@@ -70,7 +70,7 @@ class DetectorConfig(Settings):
     )
     nonlinear_critical_speed_mps: float = setting(
         0.0,
-        'v_n, where no normal form gives it (0: unknown, or no hysteresis)',
+        'v_n, where no normal form gives it (0: unknown; v_c: there is no hysteresis)',
         unit='m/s',
         low=0.0,
     )
@@ -133,8 +133,8 @@ class DetectorConfig(Settings):
                 f' Hz, expected at least {nominal / _FASTEST_OF_RATE:.3g}'
             )
         v_n, v_c = self.nonlinear_critical_speed_mps, self.critical_speed_mps
-        if v_n > 0.0 and not v_n < v_c:
-            raise ConfigError(f'nonlinear_critical_speed_mps: {v_n} must lie below v_c ({v_c})')
+        if v_n > v_c:
+            raise ConfigError(f'nonlinear_critical_speed_mps: {v_n} is above v_c ({v_c})')
 
     def _check_limits(self) -> None:
         """Refuse a limit that warns later than it alarms."""

@@ -94,9 +94,8 @@ class RowMaker:
         """The boundaries of the regions, v_n (0: unknown) and v_c, m/s; NaN: there is none."""
         identified = self._identified
         if identified is None:
-            config = self.config
-            v_n = config.nonlinear_critical_speed_mps or math.nan
-            return v_n, config.critical_speed_mps or math.nan
+            v_c = self.config.critical_speed_mps or math.nan
+            return self.config.nonlinear_critical_speed_mps, v_c
         form, fold = identified.form, identified.nonlinear_critical_speed
         # A subcritical form without a fold has an unstable branch at any speed below v_c; one
         # whose fold is not known may have.

@@ -46,6 +46,18 @@ def test_critical_speeds_alone_give_the_regions(recorded) -> None:
     assert regions[1].number('speed_mps') == pytest.approx(8.0, abs=0.15)
 
 
+def test_below_a_critical_speed_alone_a_bump_may_start_hunting(recorded) -> None:
+    record = recorded(7.2, 20.0)
+    unknown = HuntingDetector(DetectorConfig(critical_speed_mps=8.0))
+    assert detect(unknown, record).estimates['level'].min() == Level.WARN
+    assert unknown.status.region is Region.HYSTERESIS
+    supercritical = HuntingDetector(
+        DetectorConfig(critical_speed_mps=8.0, nonlinear_critical_speed_mps=8.0)
+    )
+    detect(supercritical, record)
+    assert supercritical.status.region is Region.STABLE
+
+
 @pytest.mark.parametrize('channels', [('lateral',), ('yaw',), ('lateral', 'speed')])
 def test_fewer_channels_are_enough(channels, recorded, true_form) -> None:
     record = recorded(7.2, 30.0, kicks=[(8.0, 330e-6)])

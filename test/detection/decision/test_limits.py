@@ -17,7 +17,8 @@ class Rig(Moving):
     """Moves sideways by amplitudes given per second; no form, a speed of 7.2 m/s."""
 
     def __init__(self, channels: tuple[str, ...] = ('lateral', 'speed'), **settings) -> None:
-        super().__init__(None, channels=channels, critical_speed_mps=8.0, **settings)
+        speeds = {'critical_speed_mps': 8.0, 'nonlinear_critical_speed_mps': 8.0}
+        super().__init__(None, channels=channels, **speeds, **settings)
 
     def hold(self, *amplitudes_m: float, **more: float) -> None:
         """Go on for a second with each amplitude."""
