@@ -13,14 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.blocks import (
-    LONGEST_NS,
-    SET_BACK_NS,
-    Topic,
-    by_topic,
-    clocks_of,
-    possible_times,
-)
+from hunt_ros.bag.blocks import LONGEST_NS, SET_BACK_NS, Topic, by_topic, clocks_of, possible_times
 from hunt_ros.bag.cdr.gather import Gathered, Wanted, gather
 from hunt_ros.bag.cdr.layout import PathError, joint_of, parse_path, stamp_path, usual_field
 from hunt_ros.bag.cdr.message_types import definitions_of
