@@ -338,8 +338,10 @@ def different(stamps_ns: NDArray[np.int64]) -> int:
 def smallest_step(readings: NDArray[np.float64]) -> float:
     """Return the smallest step between finite readings, in their unit; 0 where all are alike."""
     steps = np.diff(np.unique(readings))
-    # Numbers that went through a scale differ by rounding, 6e-8 of them in single precision.
-    steps = steps[steps > 1e-6 * float(np.abs(readings).max(initial=0.0))]
+    # Numbers that went through a scale differ by rounding, 6e-8 of them in single precision. A
+    # spike is no usual one.
+    usual = float(np.percentile(np.abs(readings), 99.0)) if steps.size else 0.0
+    steps = steps[steps > 1e-6 * usual]
     return float(steps.min()) if steps.size else 0.0
 
 

@@ -28,6 +28,8 @@ from hunt_ros.samples import NANOSECONDS
 LARGEST_CHUNK = 1 << 30
 #: No recording lasts longer, ns: 30 days.
 LONGEST_NS = 30 * 86_400 * NANOSECONDS
+#: A time so much before the one before is that of a clock that was set, ns.
+SET_BACK_NS = NANOSECONDS // 10
 
 
 class Topic(NamedTuple):
@@ -99,6 +101,16 @@ def span_of(parts: Sequence[NDArray[np.int64]]) -> tuple[int, int] | None:
     times = np.concatenate([np.zeros(0, np.int64), *parts])
     times = times[possible_times(times)]
     return (int(times.min()), int(times.max())) if times.size else None
+
+
+def clocks_of(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """
+    Return how often the clock had been set back at each time, in the order of their writing.
+
+    A clock is set once; a writer that shuffles goes back all the time.
+    """
+    back = np.diff(times_ns, prepend=times_ns[:1]) < -SET_BACK_NS
+    return np.cumsum(back & (100 * np.count_nonzero(back) < back.size))
 
 
 def pack_messages(rows: Sequence[tuple[int, int, bytes]]) -> Block:

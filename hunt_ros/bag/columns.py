@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.blocks import LONGEST_NS, Topic, by_topic, possible_times
+from hunt_ros.bag.blocks import LONGEST_NS, SET_BACK_NS, Topic, by_topic, clocks_of, possible_times
 from hunt_ros.bag.cdr.gather import Gathered, Wanted, gather
 from hunt_ros.bag.cdr.layout import PathError, joint_of, parse_path, stamp_path, usual_field
 from hunt_ros.bag.cdr.message_types import definitions_of
@@ -40,8 +40,6 @@ Stamps = Literal['header', 'log']
 _FASTEST = 50.0
 #: How much later than it was stamped a message may be recorded, ns.
 _LATE_NS = 3600 * NANOSECONDS
-#: A log time so much before the one before is that of a clock that was set, ns.
-_SET_BACK_NS = NANOSECONDS // 10
 #: Spacing of the samples that stand for a constant channel, ns.
 CONSTANT_STEP_NS = NANOSECONDS // 100
 #: Of so many stamps of a channel it is told whether its clock is that of the others: a tenth of
@@ -199,10 +197,7 @@ def _series(
     if (log_ns[1:] < log_ns[:-1]).any():
         lost = ~possible_times(log_ns)  # in the place of the one before
         log_ns = log_ns[np.maximum.accumulate(np.where(lost, lost.argmin(), np.arange(lost.size)))]
-        back = np.diff(log_ns, prepend=log_ns[:1]) < -_SET_BACK_NS
-        # A clock is set once; a writer that shuffles goes back all the time.
-        clock = np.cumsum(back) if 100 * np.count_nonzero(back) < back.size else 0 * log_ns
-        order = np.lexsort((log_ns, clock))
+        order = np.lexsort((log_ns, clocks_of(log_ns)))
         log_ns, stamps, values = log_ns[order], stamps[order], values[order]
     if source.scale != 1.0:
         values *= source.scale
@@ -214,7 +209,7 @@ def _series(
 def _set_back(columns: Mapping[str, Series]) -> str:
     """Say which clocks were set back, and how many samples that concerns; '' where none was."""
     steps = {name: np.diff(one.stamps_ns).min(initial=0) for name, one in columns.items()}
-    names = [name for name, step in steps.items() if step < -_SET_BACK_NS]
+    names = [name for name, step in steps.items() if step < -SET_BACK_NS]
     if not names:
         return ''
     every = [columns[name].stamps_ns for name in names]
@@ -246,7 +241,7 @@ def _apart(clocks: Mapping[str, Series]) -> str:
         f'{name} is off by {begin:.3f} s at the beginning and {end:.3f} s at the end'
         for name, (begin, end) in ((name, one - usual) for name, one in off_s.items())
         if max(abs(begin), abs(end)) > CLOCK_RESET_NS / NANOSECONDS
-        or abs(end - begin) > _SET_BACK_NS / NANOSECONDS
+        or abs(end - begin) > SET_BACK_NS / NANOSECONDS
     ]
     return f'not all channels are stamped by one clock: {", ".join(told)}' if told else ''
 

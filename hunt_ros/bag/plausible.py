@@ -108,7 +108,6 @@ def check_units(record: Record) -> Record:
     """
     found = possible_readings(record)
     for channel, series in found.items():
-        problem = wrong_unit(channel, series)
-        if problem:
+        if problem := wrong_unit(channel, series):
             raise BagError(f'{record.source}: {problem}')
     return found

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.bag.bag_writer import BagWriter
+from hunt_ros.bag.blocks import clocks_of
 from hunt_ros.bag.cdr.layout import locate, parse_path
 from hunt_ros.bag.cdr.message_types import standard_definitions, standard_types
 from hunt_ros.errors import BagError
@@ -38,7 +39,8 @@ def write_record(
     Write a record as a recording with the topics of a live rig.
 
     The sensors of the motion and `roller` become sensor_msgs/JointState, `speed` becomes
-    geometry_msgs/TwistStamped; log time and header stamp are the sample's stamp.
+    geometry_msgs/TwistStamped; log time and header stamp are the sample's stamp. Where a clock
+    was set back the samples stay in their order, and the log time goes on.
 
     Parameters
     ----------
@@ -69,13 +71,13 @@ def write_record(
     if problems := together.pop('problems', ''):  # those of another recording, not of this one
         together['source_problems'] = problems
     with BagWriter(path, notes=together) as bag:
-        for message in messages_of(record, bag.topic, namespace):
+        for message in messages_of(record, bag.topic, namespace, in_order=True):
             bag.write(*message)
     return Path(path)
 
 
 def messages_of(
-    record: Record, topic: Callable[[str, str], int], namespace: str
+    record: Record, topic: Callable[[str, str], int], namespace: str, in_order: bool = False
 ) -> Iterator[tuple[int, int, bytes]]:
     """
     Return the messages of a record in the order of their stamps, as `BagWriter.write` takes them.
@@ -88,6 +90,8 @@ def messages_of(
         Gives the number of a topic from its name and type.
     namespace : str
         In front of the topics' names.
+    in_order : bool
+        Where a clock was set back, what was measured first stays first, and the time goes on.
     """
     prefix = f'/{namespace.strip("/")}' if namespace.strip('/') else ''
     keys = {
@@ -95,19 +99,24 @@ def messages_of(
         for name, (kind, _) in CHANNEL_FIELDS.items()
         if name in record
     }
-    each = (_messages(key, name, record[name]) for name, key in keys.items())
+    each = (_messages(key, name, record[name], in_order) for name, key in keys.items())
     return merge(*each, key=itemgetter(1))
 
 
-def _messages(key: int, channel: str, series: Series) -> Iterator[tuple[int, int, bytes]]:
-    order = np.argsort(series.stamps_ns, kind='stable')
+def _messages(
+    key: int, channel: str, series: Series, in_order: bool
+) -> Iterator[tuple[int, int, bytes]]:
+    stamps = series.stamps_ns
+    order = np.lexsort((stamps, clocks_of(stamps) if in_order else 0 * stamps))
+    steps = np.diff(stamps[order], prepend=stamps[order[:1]])
+    times = stamps[order] - np.cumsum(np.minimum(steps, 0))
     # As messages a series is ten times as large: some at a time.
     for begin in range(0, len(series), _ROWS):
         rows = order[begin : begin + _ROWS]
         part = Series(series.stamps_ns[rows], series.values[rows])
         yield from zip(
             repeat(key),
-            part.stamps_ns.tolist(),
+            times[begin : begin + _ROWS].tolist(),
             map(bytes, serialise(channel, part)),
             strict=False,
         )

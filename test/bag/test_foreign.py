@@ -540,6 +540,7 @@ def test_a_clock_that_is_set_back_changes_no_order_and_is_told(tmp_path, steps, 
     for verb, out in (('export', 'a.csv'), ('import', 'again')):
         assert main([verb, str(tmp_path / 'a.mcap'), str(tmp_path / out)]) == 0
         assert (told in ''.join(capsys.readouterr())) == (steps != 'log')
+    assert_same(read_record(tmp_path / 'again'), record)
     jumps = [one for one in inspect(tmp_path / 'a.mcap').problems if one.kind == 'clock_jump']
     assert [one.text.partition(':')[0] for one in jumps] == ['/rig/lateral', '/rig/speed']
     assert jumps[0].time_s == pytest.approx(3599.99)

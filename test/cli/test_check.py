@@ -184,11 +184,12 @@ def test_a_reading_that_no_sensor_gives_is_found_and_none_to_any_command(
 
 
 @pytest.mark.parametrize('size', [0.02, 5.0])
-def test_a_sensor_that_spikes_once_is_not_dead(check, size: float) -> None:
+def test_a_sensor_that_spikes_once_is_neither_dead_nor_coarse(check, size: float) -> None:
     values = _sound()['lateral'].values.copy()
     values[700] = size
     _, found = check(changed(_sound(), lateral=values))
     assert ('motion', 'lateral') not in found
+    assert found['resolution', 'lateral']['value'] == pytest.approx(1e-6)
     assert found['range', 'lateral']['text'] == 'has 1 spike of one sample'
 
 

@@ -20,13 +20,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.bag.blocks import Block, Places, strided
 from hunt_ros.bag.mcap import records as rec
-from hunt_ros.bag.mcap.layout import (
-    ENTRY_BYTES,
-    IMPOSSIBLE,
-    IndexPlace,
-    Layout,
-    walked_places,
-)
+from hunt_ros.bag.mcap.layout import ENTRY_BYTES, IMPOSSIBLE, IndexPlace, Layout, walked_places
 from hunt_ros.errors import BagError
 
 #: Chunks are gathered together up to this many expanded bytes, so that small ones cost little.
