@@ -177,7 +177,6 @@ def test_a_quiet_run_makes_a_report_that_says_what_cannot_be_known() -> None:
         assert not re.search(rf'>\s*{word}\s*<', page)
 
 
-@pytest.mark.skipif(not FLUTTER.is_dir(), reason='the flutter-rig recordings are not there')
 def test_the_hunting_line_is_that_of_the_rig_whatever_its_frequency() -> None:
     form = replace(PAPER_NORMAL_FORM, frequency_hz=7.5)
     record = held_speeds([6.0, 6.8, 7.2, 8.6], 40.0, 4.0, 1, form=form, forcing=4e-6)
@@ -189,6 +188,7 @@ def test_the_hunting_line_is_that_of_the_rig_whatever_its_frequency() -> None:
     assert line.frequency_hz == pytest.approx(7.5, abs=0.2)
 
 
+@pytest.mark.skipif(not FLUTTER.is_dir(), reason='the flutter-rig recordings are not there')
 def test_a_campaign_on_a_real_rig_claims_no_fold_and_draws_what_was_measured() -> None:
     report = Report(identify(flutter_runs('17092018_CBC_V???_*HB.mat')))
     page = report.html(report.drawings())
