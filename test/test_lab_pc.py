@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import configparser
+import os
 import shlex
 import signal
 import subprocess
@@ -43,9 +44,13 @@ def test_the_unit_starts_a_command_that_there_is_and_ends_it_with_an_interrupt(
     quiet = subprocess.DEVNULL
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=quiet) as program:
         program.stdout.readline()
-        threading.Thread(target=program.wait).start()
+        reaper = threading.Thread(target=program.wait)
+        reaper.start()
         try:
             subprocess.run(stop, env={'MAINPID': str(program.pid)}, stderr=quiet, timeout=60.0)
+            with pytest.raises(ProcessLookupError):
+                os.kill(program.pid, 0)
+            reaper.join(60.0)
             assert program.returncode == -signal.SIGINT
         finally:
             program.kill()
