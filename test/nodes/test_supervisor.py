@@ -387,9 +387,9 @@ def test_a_guard_that_somebody_else_ends_starts_no_profile_again(run, graph) -> 
     rig.start()
     os.kill(rig.child('roller_speed'), signal.SIGTERM)
     graph.spin_until(lambda: 'roller_speed ended with exit code 0' in rig.screen, 60.0)
-    asked = 'the speed node ended without being asked'
-    graph.spin_until(lambda: rig.status['interlock_cause'].endswith(asked), 60.0)
-    assert rig.status['interlock_state'] == 'tripped'
+    # That it ended unasked is the cause at first; a busy detector then takes the roller lower.
+    graph.spin_until(lambda: rig.status['interlock_state'] == 'tripped', 60.0)
+    assert rig.status['profile_state'] == 'idle'
     assert rig.speed < SAFE + 0.1
     assert rig.end() == 0, rig.screen
 
