@@ -189,7 +189,8 @@ def draw_branches(axes: Axes, curves: Sequence[Curve]) -> None:
             for there, name, dashes in ((~growing, 'stable', '-'), (growing, 'unstable', '--')):
                 edge = there | np.append(there[1:], False) | np.append(False, there[:-1])
                 quiet = np.where(edge if dashes == '--' else there, 0.0, np.nan)
-                axes.plot(curve.speed, quiet, color=colours[name], linestyle=dashes)
+                drawn = {'color': colours[name], 'linestyle': dashes, 'zorder': look['zorder']}
+                axes.plot(curve.speed, quiet, **drawn)
 
 
 def draw_states(
