@@ -201,7 +201,7 @@ class Estimator:
         return rows, disagree, motion
 
     def _tell_on(self, rows: NDArray[np.void]) -> None:
-        """Tell on what was wrong before a new beginning: a clock that was set ends no fault."""
+        """Go on with what was wrong before a new beginning: a clock that is set ends no fault."""
         if not rows.size:
             return
         for name in self._channels:
