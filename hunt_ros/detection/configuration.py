@@ -93,7 +93,7 @@ class DetectorConfig(Settings):
     )
     false_alarms_per_week: float = setting(
         1.0,
-        'what is said of growing, holding or falling is false no more often than this',
+        'at a speed that is held, hunting that the amplitude alone tells is false no more often',
         unit='1/week',
         low=1e-6,
         high=1e5,

@@ -84,9 +84,7 @@ COLUMNS: tuple[Column, ...] = (
     Column('escape_probability_high', '', True),
     Column('outlook', 'escape_chance_next_minute'),
     Column('time_to_limit_cycle', 'time_to_limit_cycle_s', True),
-    # Of the test behind the state, NaN where another one decided.
-    Column('log_likelihood_ratio', '', True),
-    Column('log_likelihood_ratio_limit', '', True),
+    Column('hunting_probability', '', True),
     # The strongest motion outside the range that is followed, and that range.
     *(Column(f'outside_{what}', None) for what in ('hz', *DISPLACEMENTS)),
     Column('followed_min_hz', None),

@@ -63,7 +63,8 @@ def test_replay_of_a_simulated_bump_tells_what_happened(capsys, tmp_path) -> Non
     assert result['alarms']['highest_amplitude_m'] == alarm['highest_amplitude_m']
     summary = result['summary']
     assert set(summary['level_time_s']) == {'OK', 'WARN', 'ERROR', 'STALE'}
-    assert escaping['log_likelihood_ratio'] is None, 'the form has decided'
+    assert escaping['test'] == 'escape_probability', 'the form has decided'
+    assert 0.0 <= escaping['hunting_probability'] <= 1.0
 
     assert sum(summary['level_time_s'].values()) == pytest.approx(40.0, abs=0.5)
     assert summary['region_time_s']['hysteresis'] == pytest.approx(40.0, abs=1.0)

@@ -141,32 +141,20 @@ def test_an_event_says_when_it_began_and_why() -> None:
     assert f'growth rate {growth.text(" +/- ")} 1/s' in escape.cause
 
 
-def test_an_event_that_a_likelihood_ratio_decided_has_it_with_its_limit() -> None:
+def test_an_event_that_the_probability_of_hunting_decided_has_it() -> None:
     rig = Moving(form=None)
     hunts(rig)
     rig.move(630e-6 * np.exp(-np.arange(2000) / 200.0), start_s=12.0)
     events = {event.event: event for event in rig.output.events}
     for name in ('escaping', 'limit_cycle', 'decaying'):
         event = events[name]
-        ratio = event.numbers['log_likelihood_ratio']
-        limit = event.numbers['log_likelihood_ratio_limit']
-        assert event.test == 'likelihood_ratio'
-        assert ratio > limit > 0.0
-        assert f'log likelihood ratio {ratio:.3g}, limit {limit:.3g}' in event.cause
-    # Ten times fewer false alarms: the logarithm of ten is added to the whole evidence.
-    rare = Moving(form=None, false_alarms_per_week=0.1 * rig.detector.config.false_alarms_per_week)
-    hunts(rare)
-    (escaping,) = (one for one in rare.output.events if one.event == 'escaping')
-    more = np.log(10.0) * np.array([1.0, 1.0 / 3.0])
-    gained = escaping.numbers['log_likelihood_ratio_limit']
-    gained -= events['escaping'].numbers['log_likelihood_ratio_limit']
-    assert np.isclose(gained, more).any()
-
+        chance = event.numbers['hunting_probability']
+        assert event.test == 'hunting_probability'
+        assert chance < 0.05 if name == 'decaying' else chance > 0.95
+        assert 'hunting with a probability of ' in event.cause
     known = Moving()
     hunts(known)
-    for event in known.output.events:
-        assert event.test != 'likelihood_ratio'
-        assert np.isnan(event.numbers['log_likelihood_ratio']), 'another test decided'
+    assert all(event.test != 'hunting_probability' for event in known.output.events)
 
 
 def test_the_status_says_why_and_since_when_with_its_numbers() -> None:

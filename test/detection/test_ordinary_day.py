@@ -101,7 +101,7 @@ def test_a_kick_seconds_after_the_start_is_not_taken_for_noise(recorded) -> None
         told = said(detect(HuntingDetector(), record), 'escaping', 'limit_cycle')
         late.append(min(told, default=math.inf) - at)
     assert np.median(late) < 2.0
-    assert max(late) < 4.0
+    assert max(late) < 5.0
 
 
 @pytest.mark.parametrize('told', ['nothing', 'the truth', 'a v_c that is too high'])

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import B1, compiled, compiled_part
 from hunt_ros.detection import doubts
-from hunt_ros.detection.decision import likelihood, limits, states, switching
+from hunt_ros.detection.decision import limits, states, switching
 from hunt_ros.detection.decision.form import (
     SMALLEST,
     FormNumbers,
@@ -31,9 +31,8 @@ from hunt_ros.detection.decision.rules import Rules, rows_of
 from hunt_ros.detection.output import ESTIMATE_DTYPE
 from hunt_ros.detection.regions import HELD, hold, region_of
 
-#: The noise of the quiet motion as it was seen last: mean square of its amplitude, m^2, and the
-#: rows it was learnt from; the intensity D, m^2/s, and the deviation of its logarithm; NaN before
-#: it is known.
+#: The noise of the quiet motion as it was seen last: mean square of its amplitude, m^2; the
+#: intensity D, m^2/s, and the deviation of its logarithm; NaN before it is known.
 _FLOOR: np.dtype[np.void] = np.dtype(
     [(name, np.float64) for name in ('square', 'learnt', 'intensity', 'spread')], align=True
 )
@@ -42,7 +41,6 @@ _FLOOR: np.dtype[np.void] = np.dtype(
 MEMORY: np.dtype[np.void] = np.dtype(
     [
         ('floor', _FLOOR),
-        ('ratios', likelihood.LIKELIHOOD),
         ('motion', switching.SWITCHING),
         ('outlook', OUTLOOK),
         ('region', HELD),
@@ -66,6 +64,9 @@ _REGION_BAND_MPS, _REGION_S = 0.02, 0.2
 MARGIN_S, MARGIN_RESTORE_S = 0.1, 20.0
 #: Time constant of the noise floor, s: some thirty periods tell a mean square to 18 %.
 _FLOOR_S = 10.0
+#: The logarithm of the noise intensity is known no better: simulated, with filters of no lag and
+#: of 0.15 s.
+_INTENSITY = 0.25
 #: Without a floor yet, the standard deviation of the amplitude estimate stands in, so often.
 _STD_FLOORS = 1.5
 #: The two amplitudes disagree after this time, s: the envelope needs as long to follow.
@@ -77,12 +78,10 @@ def fresh_memory() -> NDArray[np.void]:
     memory = np.zeros(1, dtype=MEMORY)
     memory['floor']['square'] = math.nan
     memory['floor']['intensity'] = math.nan
-    memory['motion']['speed'] = math.nan
+    for name in ('mean', 'speed', 'at'):
+        memory['motion'][name] = math.nan
     memory['motion']['prior'] = switching.BEGINS
     memory['state']['reference'] = math.nan
-    memory['ratios']['smooth'] = likelihood.SELDOM
-    memory['ratios']['at'] = math.inf
-    memory['ratios']['speed'] = -1.0
     memory['outlook'] = NO_OUTLOOK
     return memory
 
@@ -158,10 +157,10 @@ def decide(
             # not the more one for a speed that is not read any more: the last one stands.
             of_the_form = m['state']['hunting']['word'] != states.NO or not form.known
             if not of_the_form:
-                of_the_form = is_hunting_of(form, rules.nominal_hz, m['ratios']['speed'], a, out)
-            parts = m['state'], m['ratios'], m['motion']
+                of_the_form = is_hunting_of(form, rules.nominal_hz, m['motion']['speed'], a, out)
+            parts = m['state'], m['motion']
             other, undecided = states.judge(rules, *parts, a, s, of_the_form, out)
-        states.tell(rules, m['state'], m['ratios'], m['motion'], out)
+        states.tell(m['state'], m['motion'], out)
         if out['state'] == states.LIMIT_CYCLE:
             _hold_to_form(rules, out)
         if known and form.known and out['state'] == states.ESCAPING:
@@ -171,7 +170,8 @@ def decide(
         if a > SMALLEST * form.fold_amplitude and out['state'] < states.ESCAPING:
             # A form may be wrong about the speed, and a floor be learnt on hunting: as large as a
             # limit cycle, what does not fall is well neither as quiet nor as disturbed.
-            undecided |= not m['ratios']['fall'] > likelihood.SOME * rules.evidence
+            undecided |= switching.hunts(m['motion']) > 1.0 - states.LIKELY
+            undecided |= out['state'] == states.QUIET
         if known and not undecided:
             out['doubts'] -= out['doubts'] & doubts.ON_LINE
         _doubt(rules, m, known, disagree[k], other, undecided, out)
@@ -217,29 +217,28 @@ def _learn(
     spread = math.hypot(s, 0.5 * out['step'])
     basin = not (predictable and growth_at(form, v, 0.0) > 0.0)
     switching.watch(rules, m['motion'], v, a, spread, drift, basin, line)
-    ratios, floor = m['ratios'], m['floor']
-    if math.isnan(a):
-        likelihood.interrupt(ratios)
-    else:
-        likelihood.watch(rules, ratios, v, a, spread, drift, line)
-        noise = likelihood.settled(ratios) and word in (states.NO, states.DECAYING)
-        noise &= likelihood.excess(rules, ratios) <= likelihood.SOME * rules.evidence
-        noise &= switching.hunts(m['motion']) < states.AS_LIKELY
-        # By the form, what is as likely as not on its way to the cycle is no quiet motion,
-        # and what grows at this speed is hunting that begins.
-        noise &= not out['escape_probability'] > states.AS_LIKELY
-        noise &= not (predictable and m['outlook']['quiet'] < 1.0 - rules.probability_in)
-        if noise:
-            floor['learnt'] = min(floor['learnt'], likelihood.rows_near(rules, ratios)) + 1.0
-            weight = max(1.0 / floor['learnt'], rules.stride / _FLOOR_S)
-            before = 0.0 if math.isnan(floor['square']) else floor['square']
-            # What was kicked and dies out is more than noise alone makes.
-            floor['square'] = before + weight * (min(a * a, m['motion']['alone']) - before)
-            damping = -growth_at(form, v, 0.0) if predictable else math.nan
-            floor['intensity'], floor['spread'] = likelihood.intensity(rules, ratios, damping)
+    motion, floor = m['motion'], m['floor']
+    noise = switching.settled(motion) and word in (states.NO, states.DECAYING)
+    noise &= switching.hunts(motion) < states.AS_LIKELY
+    # By the form, what is as likely as not on its way to the cycle is no quiet motion,
+    # and what grows at this speed is hunting that begins.
+    noise &= not out['escape_probability'] > states.AS_LIKELY
+    noise &= not (predictable and m['outlook']['quiet'] < 1.0 - rules.probability_in)
+    if noise and not math.isnan(a):
+        floor['learnt'] += 1.0
+        weight = max(1.0 / floor['learnt'], rules.stride / _FLOOR_S)
+        before = 0.0 if math.isnan(floor['square']) else floor['square']
+        # What was kicked and dies out is more than noise alone makes.
+        floor['square'] = before + weight * (min(a * a, motion['alone']) - before)
+        damping = -growth_at(form, v, 0.0) if predictable else 0.0
+        # What the tracker makes of the motion and what it misses add up to its mean square.
+        driven = max(damping * (floor['square'] + 2.0 * s * s), motion['driven'])
+        floor['intensity'] = 0.5 * driven
+        lasts = 2.0 * max(damping, rules.least_damping) * _FLOOR_S / rules.faster
+        floor['spread'] = math.hypot(_INTENSITY, 1.0 / math.sqrt(1.0 + lasts))
     if not math.isnan(floor['square']):
         out['noise_floor'] = math.sqrt(floor['square'])
-    elif likelihood.settled(ratios) and s > 0.0:
+    elif switching.settled(motion) and s > 0.0:
         out['noise_floor'] = _STD_FLOORS * s
     out['noise_intensity'] = floor['intensity']
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -13,8 +12,10 @@ from hunt_ros.detection.decision.limits import LIMITS
 from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 
 #: Spacing of the amplitudes that are compared, in hunting periods.
-_STEP_PERIODS = 0.375
+_STEP_PERIODS = 0.75
 _WEEK_S = 7.0 * 86400.0
+#: The hazard is no larger than this.
+_OFTEN = 0.3
 
 
 class Rules(NamedTuple):
@@ -24,9 +25,9 @@ class Rules(NamedTuple):
     `period_s` is the spacing of the rows, s; `stride` the same in the time of the motion:
     seconds of a rig that hunts at `REFERENCE_HZ`, for which the kernel's times are meant;
     `faster` is the ratio of the frequencies, `nominal_hz` that of this rig. `step` is the spacing
-    of the amplitudes that are compared, rows, and `evidence` the log likelihood ratio that
-    decides: the logarithm of the number of steps in the time of one false alarm. `limits` are
-    those of `limits.LIMITS` in SI, 0: off.
+    of the amplitudes that are compared, rows, and `hazard` the chance that what is damped begins
+    to hunt from one to the next: one in the time of one false alarm. `limits` are those of
+    `limits.LIMITS` in SI, 0: off.
     """
 
     period_s: float
@@ -37,7 +38,7 @@ class Rules(NamedTuple):
     v_c: float
     step: int
     probability_in: float
-    evidence: float
+    hazard: float
     least_damping: float
     margin_in: float
     limits: F1
@@ -73,7 +74,7 @@ def rules_of(config: DetectorConfig, v_n: float, v_c: float) -> Rules:
         v_c,
         step,
         config.escape_probability_in,
-        max(math.log(_WEEK_S / (step * period * config.false_alarms_per_week)), 1.0),
+        min(step * period * config.false_alarms_per_week / _WEEK_S, _OFTEN),
         config.least_damping_per_s * faster,
         config.margin_in,
         np.array([getattr(config, limit.setting) / limit.scale for limit in LIMITS]),

@@ -27,11 +27,11 @@ limit cycle  falls, or over                decaying     -
 ===========  ============================  ===========  ====================
 
 *Beyond*: by the form, it reaches the limit cycle before it is quiet again with the set
-probability; *returns*: it does not. *Arrived*: it is on the stable branch. *Growing*: it grows,
-and is more than noise, where the form knows no limit cycle to escape to. *Steady*: it holds, is
-more than noise, and may be the hunting. Either is seen by its likelihood ratio (`likelihood`), or,
-but for the first seconds after a blow, by its posterior probability (`switching`), and has taken
-its time already. *Over*: it is no more than noise, and small beside what it was.
+probability; *returns*: it does not. *Arrived*: it is on the stable branch. By the model that
+switches (`switching`): *growing*: it hunts, and grows rather than being in a cycle, where the form
+knows no limit cycle to escape to; *steady*: it hunts, is in a cycle, and may be the hunting of the
+form; *falls*: it does not hunt. *Over*: it does not, as likely as not, and is small beside what it
+was.
 The two are shown as one word, the `State`: while it hunts that of the hunting, else that of
 the motion. Called by the kernel of the decisions, row by row.
 """
@@ -44,7 +44,7 @@ from typing import Any
 import numpy as np
 
 from hunt_ros.compiled import compiled_part
-from hunt_ros.detection.decision import likelihood, switching
+from hunt_ros.detection.decision import switching
 from hunt_ros.detection.decision.rules import Rules, rows_of
 from hunt_ros.detection.regions import HELD, State, hold
 
@@ -86,11 +86,9 @@ _SAME = 0.7
 _GONE = 0.1
 #: An amplitude is sure to be less than it seems plus this many standard deviations.
 _SURE = 3.0
-#: To fall ends an alarm and raises none: it takes less than the whole evidence. To hold is asked
-#: only of what is no noise: not once a mark, but once a kick.
-_FALLING, _HOLDING = 2.0 / 3.0, 0.25
-#: It hunts from this posterior probability on.
-_LIKELY = 0.99
+#: It hunts from this posterior probability on, and not any more as far below one; between them it
+#: is not decided.
+LIKELY = 0.98
 #: An amplitude is well known when its standard deviation is below this part of it.
 _WELL_KNOWN = 0.1
 #: The amplitude of the limit cycle is followed at this pace while the speed changes, s.
@@ -101,7 +99,6 @@ _FOLLOW_S = 5.0
 def judge(
     rules: Rules,
     memory: Any,
-    ratios: Any,
     motion: Any,
     a: float,
     s: float,
@@ -113,8 +110,8 @@ def judge(
 
     Parameters
     ----------
-    rules, memory, ratios, motion
-        Thresholds; records of STATE, LIKELIHOOD and SWITCHING.
+    rules, memory, motion
+        Thresholds; records of STATE and SWITCHING.
     a, s : float
         Amplitude and its standard deviation, m.
     of_the_form : bool
@@ -126,30 +123,23 @@ def judge(
     Returns
     -------
     other, undecided : bool
-        It is steady, and not of the form; it may be more than noise, and neither falls nor is
-        known to return.
+        It is steady, and not of the form; it may hunt, and is not known to return.
     """
     hunting, stamp_ns, quiet = memory['hunting']['word'], out['stamp_ns'], out['noise_floor']
     disturbed = a > (CALM if memory['disturbed'] else CLEAR) * quiet
     disturbed |= memory['disturbed'] and math.isnan(quiet)
     memory['disturbed'] = disturbed
-    excess, some = likelihood.excess(rules, ratios), likelihood.SOME * rules.evidence
-    falls = ratios['fall'] > _FALLING * rules.evidence
-    holds = excess > rules.evidence and ratios['hold'] > _HOLDING * rules.evidence and not falls
-    likely = excess > some and not falls and ratios['smooth'] > likelihood.SELDOM
-    likely &= switching.hunts(motion) > _LIKELY
-    steady = (holds and not ratios['growth'] > some) or (
-        likely and motion['cycles'] > motion['grows']
-    )
-    growing = ratios['growth'] > rules.evidence or ((holds or likely) and not steady)
-    growing &= excess > some and math.isnan(out['stable_amplitude'])
+    hunts, told = switching.hunts(motion), switching.told(motion)
+    likely, falls = hunts > LIKELY, told and hunts < 1.0 - LIKELY
+    steady = likely and motion['cycles'] > motion['grows']
+    growing = likely and not steady and math.isnan(out['stable_amplitude'])
     # What is left of it is small for sure: an estimate that has just begun anew knows little.
     small = not a + _SURE * s > _SAME * memory['reference']
     # As large as the hunting was, it is the hunting: nothing says that this has ended.
     seen = not out['outside_judged'] > _SAME * memory['reference']
-    over = likelihood.settled(ratios) and excess < some and small and not disturbed and seen
+    over = switching.settled(motion) and small and not disturbed and seen
     # In strong noise a cycle dips into it; far below what it was it is over for sure.
-    over &= switching.hunts(motion) < AS_LIKELY or a + _SURE * s < _GONE * memory['reference']
+    over &= hunts < AS_LIKELY or a + _SURE * s < _GONE * memory['reference']
     chance = out['escape_probability']
     beyond = chance > (AS_LIKELY if hunting == ESCAPING else rules.probability_in)
     beyond &= disturbed or math.isnan(quiet)
@@ -186,10 +176,8 @@ def judge(
     changed = hold(memory['hunting'], want, rows_of(rules, wait), stamp_ns)
     if changed:
         memory['cause'] = cause
-        if want in (ESCAPING, LIMIT_CYCLE):  # what fell before has not fallen since
-            ratios['falls'][:] = ratios['fall'] = 0.0
     _follow(rules, memory, changed, a, s)
-    undecided = excess > likelihood.DOUBT and not falls and math.isnan(chance)
+    undecided = hunts > 1.0 - LIKELY and math.isnan(chance)
     return steady and not of_the_form, undecided
 
 
@@ -219,28 +207,14 @@ shown = compiled_part(word_of)
 
 
 @compiled_part
-def tell(rules: Rules, memory: Any, ratios: Any, motion: Any, out: Any) -> None:
-    """Fill in the state of a row, since when it is, its cause and the ratio behind that."""
-    cause, hunting = memory['cause'], memory['hunting']
+def tell(memory: Any, motion: Any, out: Any) -> None:
+    """Fill in the state of a row, since when it is, its cause, and how likely it hunts."""
+    hunting = memory['hunting']
     out['state'] = shown(memory)
     # When it is quiet again the last to come to an end has made it so.
     since_ns = hunting['since_ns']
     if hunting['word'] == NO:
         since_ns = max(since_ns, memory['motion']['since_ns'])
     out['state_since_ns'] = since_ns
-    out['state_cause'] = cause
-    ratio, least = math.nan, math.nan
-    if cause == GROWING:
-        # Less is asked of what holds for sure as well.
-        ratio = ratios['growth']
-        least = likelihood.SOME if ratio <= rules.evidence else 1.0
-    elif cause == STEADY:
-        ratio, least = ratios['hold'], _HOLDING
-    elif cause == FALLS:
-        ratio, least = ratios['fall'], _FALLING
-    limit = least * rules.evidence
-    if cause in (GROWING, STEADY) and ratio < limit:  # it was the posterior probability
-        hunts = min(switching.hunts(motion), 1.0 - 1e-12)
-        ratio, limit = math.log(hunts / (1.0 - hunts)), math.log(_LIKELY / (1.0 - _LIKELY))
-    out['log_likelihood_ratio'] = ratio
-    out['log_likelihood_ratio_limit'] = limit
+    out['state_cause'] = memory['cause']
+    out['hunting_probability'] = switching.hunts(motion) if motion['marks'] > 0 else math.nan

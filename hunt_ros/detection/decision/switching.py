@@ -14,13 +14,13 @@ laws, under noise of an intensity q, another grid:
 The weight of each hypothesis is its posterior probability, mixed at each mark as the laws change
 (Hamilton, Econometrica 57, 1989; the amplitudes of cycles by their moments: Blom and Bar-Shalom,
 IEEE Trans. Autom. Control 33, 1988). What is damped begins to hunt as often as one false alarm is
-allowed to come (Shiryaev, Theory Probab. Appl. 8, 1963), and more often after a kick: an amplitude
-that is as likely anywhere else. The noise walks, and faster while the speed changes, by which
-cycles end as well.
+allowed to come (Shiryaev, Theory Probab. Appl. 8, 1963), and more often while the speed changes,
+by which cycles end and the noise walks as well. A kick is an amplitude that is as likely anywhere
+else: what lands clear of the noise hunts as likely as not, whatever it did before.
 
-It finds what `likelihood` does not: a cycle in strong noise, or one that beats, which holds
-because its amplitude returns and not because it is known to be no noise. Called by the kernel of
-the decisions, row by row.
+An amplitude that is not clear of its own error may refute that it hunts, but does not support it:
+the filter that has no motion to follow moves smoothly. Called by the kernel of the decisions, row
+by row.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ _GROWING, _CYCLES, _LAWS = 7, 13, len(RATES)
 #: Intensities, m^2/s or rad^2/s: the least, and how many, each twice the last.
 _LEAST, _NOISES = 1e-20, 66
 #: Chance at a mark: of another rate of the same kind; that growth ends in a cycle; that the noise
-#: doubles, or halves; of a kick; that what was damped hunts after a kick; and that it hunts at the
-#: start. That hunting ends: at a mark, and for each relative change of the speed.
-_WALK, _SETTLES, _MOVES, _KICK, _KICKED, BEGINS = 0.03, 0.03, 0.01, 0.01, 0.003, 0.003
-_ENDS, _ENDS_AT = 1e-4, 0.3
+#: doubles, or halves; of a kick; that what was kicked hunts; and that it hunts at the start. That
+#: hunting ends: at a mark, and for each relative change of the speed; that it begins, for that.
+_WALK, _SETTLES, _MOVES, _KICK, _LANDS, BEGINS = 0.03, 0.1, 0.003, 0.01, 0.2, 0.003
+_ENDS, _ENDS_AT, _BEGINS_AT = 1e-4, 0.3, 0.03
 #: Largest chance of any of them.
 _MOST = 0.3
 #: The noise doubles within a change of the speed of a third; a cycle follows it fourfold.
@@ -52,21 +52,23 @@ _AT_SPEED, _FOLLOWS = 3.0, 4.0
 #: Parts of itself by which an amplitude wanders from other causes than noise, in which that of a
 #: cycle is known at first, and by which it walks.
 _WANDER, _UNKNOWN, _DRIFT = 0.005, 0.3, 1e-3
-#: A cycle is clear of what noise alone makes of it by this factor.
+#: What hunts is clear of what noise alone makes, and of the error of the filter, by this factor.
 _CLEAR = 3.0
 #: What the filter knows, it has found out over eight marks of 3/8 of a period.
 _FOUND = 0.125
 #: Deviation of the rate of a law, relative: it stands for all as far as half way to the next.
 _BAND = 0.2
+#: Marks after which the noise is known, about; and over which the speed is followed.
+_FIRST = 12
+#: They tell nothing of the noise at a speed that differs by this part.
+_ANOTHER_SPEED = 0.1
 #: A kick lands within e^2.
 _ANYWHERE = 2.0
-#: From one mark to the next it is so many of `rules.step`.
-_EACH = 2
-
 #: What is remembered: rows since the last mark, marks, and whether the next begins anew; how
-#: likely it hunts at the start; amplitude, its deviation (m) and speed (m/s) at the mark; how much
-#: of it was a kick; weights; means (m) and variances of the amplitudes of cycles; posterior
-#: probabilities of growth and of a cycle; mean square of the amplitude of noise alone, m^2.
+#: likely it hunts at the start; amplitude and its deviation at the mark, m; mean speed since then
+#: and at the mark, that of a while, m/s, and how far it is off that, relative; weights; means (m)
+#: and variances of the amplitudes of cycles; posterior probabilities of growth and of a cycle. Of
+#: the noise by what is damped: mean square of the amplitude that it alone makes, m^2, and q.
 SWITCHING: np.dtype[np.void] = np.dtype(
     [
         ('rows', np.int64),
@@ -75,14 +77,17 @@ SWITCHING: np.dtype[np.void] = np.dtype(
         ('prior', np.float64),
         ('a', np.float64),
         ('s', np.float64),
+        ('mean', np.float64),
         ('speed', np.float64),
-        ('kicked', np.float64),
+        ('at', np.float64),
+        ('off', np.float64),
         ('weight', np.float64, (_LAWS, _NOISES)),
         ('centre', np.float64, (_LAWS, _NOISES)),
         ('variance', np.float64, (_LAWS, _NOISES)),
         ('grows', np.float64),
         ('cycles', np.float64),
         ('alone', np.float64),
+        ('driven', np.float64),
     ],
     align=True,
 )
@@ -92,6 +97,18 @@ SWITCHING: np.dtype[np.void] = np.dtype(
 def hunts(memory: Any) -> float:
     """Return the posterior probability of hunting."""
     return float(memory['grows'] + memory['cycles'])
+
+
+@compiled_part
+def told(memory: Any) -> bool:
+    """Return True once there are marks enough to tell noise from hunting."""
+    return bool(memory['marks'] >= _FIRST)
+
+
+@compiled_part
+def settled(memory: Any) -> bool:
+    """Return True once the noise at this speed is known, about."""
+    return bool(told(memory) and memory['off'] < _ANOTHER_SPEED)
 
 
 @compiled_part
@@ -117,28 +134,47 @@ def watch(
         It may be the motion of a line, which tells nothing.
     """
     memory['rows'] += 1
+    if v >= 0.0:  # the mean since the last mark: a single reading may be noisy
+        mean = v if math.isnan(memory['mean']) else memory['mean']
+        memory['mean'] = mean + (v - mean) / memory['rows']
     if line or not math.isfinite(a + s):
         memory['rows'], memory['begins'] = 0, True
-    if memory['rows'] < _EACH * rules.step:
+    if memory['rows'] < rules.step:
         return
     memory['rows'] = 0
-    turned = 0.0
-    if v >= 0.0 and memory['speed'] >= 0.0:
-        # What a roller at rest is read to have is no change.
-        turned = abs(v - memory['speed']) / (0.5 * (v + memory['speed']) + STANDSTILL_MPS)
-    memory['speed'] = v
-    if memory['marks'] > 0:
-        _mix(rules, memory, turned, drift > 0.0)
-    a = max(a, 1e-15)
+    a, clear = max(a, 1e-15), a > _CLEAR * math.sqrt(2.0) * s
+    turned, risen = _follow(memory)
     if memory['marks'] == 0:
         _begin(rules, memory, a, s, memory['prior'] if basin else 1.0)
-    elif s > max(a, memory['a']):  # it was kicked, and how far is not known yet
-        memory['kicked'] = 1.0
     elif not memory['begins']:
-        _weigh(rules, memory, a, s, drift if drift < 0.0 else -rules.least_damping)
+        if s > _CLEAR * memory['s'] and not clear:
+            # How far it was kicked is not known yet; it is if the error stays as large.
+            memory['s'] *= 2.0
+            return
+        hazard = max(rules.hazard, BEGINS if drift > 0.0 else 0.0) + _BEGINS_AT * risen
+        _mix(memory, turned, min(hazard, _MOST))
+        _weigh(rules, memory, a, s, clear, drift if drift < 0.0 else -rules.least_damping)
     memory['marks'] += 1
     memory['a'], memory['s'], memory['begins'] = a, s, False
     _sum_up(rules, memory, s)
+
+
+@compiled_part
+def _follow(memory: Any) -> tuple[float, float]:
+    """Take in the speed of a mark; return its relative change, and that of its mean of a while."""
+    v, last, before = memory['mean'], memory['speed'], memory['at']
+    memory['mean'] = math.nan
+    if math.isnan(v):
+        return 0.0, 0.0
+    memory['speed'] = v
+    if math.isnan(last):
+        memory['at'] = v
+        return 0.0, 0.0
+    memory['at'] = before + (v - before) / _FIRST
+    # What a roller at rest is read to have is no change.
+    size = 0.5 * (v + last) + STANDSTILL_MPS
+    memory['off'] = abs(v - before) / size
+    return abs(v - last) / size, abs(memory['at'] - before) / size
 
 
 @compiled_part
@@ -170,11 +206,9 @@ def _begin(rules: Rules, memory: Any, a: float, s: float, prior: float) -> None:
 
 
 @compiled_part
-def _mix(rules: Rules, memory: Any, turned: float, grows: bool) -> None:
+def _mix(memory: Any, turned: float, hazard: float) -> None:
     """Let the laws and the noise change from one mark to the next."""
     w, centre, variance = memory['weight'], memory['centre'], memory['variance']
-    hazard = math.exp(-rules.evidence)
-    hazard = max(hazard, _KICKED * (1.0 if grows else memory['kicked']))
     a, ends = memory['a'], min(_ENDS + _ENDS_AT * turned, _MOST)
     for j in range(_NOISES):
         damped = w[:_GROWING, j].sum()
@@ -214,22 +248,23 @@ def _mix(rules: Rules, memory: Any, turned: float, grows: bool) -> None:
 
 
 @compiled_part
-def _weigh(rules: Rules, memory: Any, a: float, s: float, least: float) -> None:
-    """Weigh each hypothesis by the amplitude at the mark."""
+def _weigh(rules: Rules, memory: Any, a: float, s: float, clear: bool, least: float) -> None:
+    """Weigh each hypothesis by the amplitude at the mark, which may have been kicked there."""
     w, centre, variance = memory['weight'], memory['centre'], memory['variance']
     a0, s0 = memory['a'], memory['s']
-    span = _EACH * rules.step * rules.period_s
+    span = rules.step * rules.period_s
     # What is not clear of the error of the filter is known no better than to that.
     found = _FOUND * s * s if a > _CLEAR * s else s * s
     extra = max(s0 * s0 - s * s, found) + (_WANDER * a) ** 2
     kick = _KICK * math.exp(-_ANYWHERE) / a
-    hit = 0.0
-    for h in range(_LAWS):
-        rate = least if h == 0 else _rate(rules, h) * (-1.0 if h < _GROWING else 1.0)
-        keep = math.exp(-rate * span) if h >= _CYCLES else math.exp(rate * span)
-        life = span if abs(rate) * span < 1e-6 else (keep * keep - 1.0) / (2.0 * rate)
-        for j in range(_NOISES):
-            q = _noise(j)
+    known = clear and told(memory)
+    lands = _LANDS if known and a > _CLEAR * math.sqrt(memory['alone']) else 0.0
+    for j in range(_NOISES):
+        q, kicked, damped, usual = _noise(j), kick * w[:, j].sum(), 1e-300, 0.0
+        for h in range(_LAWS):
+            rate = least if h == 0 else _rate(rules, h) * (-1.0 if h < _GROWING else 1.0)
+            keep = math.exp(-rate * span) if h >= _CYCLES else math.exp(rate * span)
+            life = span if abs(rate) * span < 1e-6 else (keep * keep - 1.0) / (2.0 * rate)
             if h < _CYCLES:
                 v = q * life + extra + (_BAND * rate * span * a0 * keep) ** 2
                 x = a * a0 * keep / v
@@ -244,11 +279,22 @@ def _weigh(rules: Rules, memory: Any, a: float, s: float, least: float) -> None:
                 variance[h, j] = p * (1.0 - gain * (1.0 - keep))
                 if centre[h, j] < _CLEAR * math.sqrt(q * span / (1.0 - keep * keep)):
                     chance = 0.0
-            hit += w[h, j] * kick
-            w[h, j] *= chance + kick
+            if h < _GROWING:
+                damped += w[h, j]
+                usual += w[h, j] * chance
+                hits = kicked * (1.0 - lands) / _GROWING
+            else:
+                if not clear:
+                    chance = min(chance, usual / damped)
+                kinds = _CYCLES - _GROWING if h < _CYCLES else _LAWS - _CYCLES
+                hits = 0.5 * kicked * lands / kinds
+            w[h, j] = w[h, j] * chance + hits
+            if h >= _CYCLES and hits > 0.0:
+                new, off = hits / w[h, j], a - centre[h, j]
+                centre[h, j] += new * off
+                variance[h, j] += new * ((_UNKNOWN * a) ** 2 - variance[h, j])
+                variance[h, j] += new * (1.0 - new) * off * off
     total = w.sum()
-    jumped = a > 3.0 * max(a0, math.sqrt(memory['alone']))
-    memory['kicked'] = max(hit / total, 0.5 * memory['kicked'], 1.0 if jumped else 0.0)
     for h in range(_LAWS):
         for j in range(_NOISES):
             w[h, j] = max(w[h, j] / total, 1e-30)
@@ -273,9 +319,10 @@ def _sum_up(rules: Rules, memory: Any, s: float) -> None:
     w = memory['weight']
     memory['grows'] = w[_GROWING:_CYCLES].sum()
     memory['cycles'] = w[_CYCLES:].sum()
-    damped = size = 0.0
+    damped = size = driven = 0.0
     for h in range(_GROWING):
         for j in range(_NOISES):
             damped += w[h, j]
             size += w[h, j] * math.log(_noise(j) / _rate(rules, h) + 2.0 * s * s)
-    memory['alone'] = math.exp(size / damped)
+            driven += w[h, j] * math.log(_noise(j))
+    memory['alone'], memory['driven'] = math.exp(size / damped), math.exp(driven / damped)

@@ -143,8 +143,9 @@ def state_cause(row: np.void, basis: Basis) -> tuple[str, str]:
     """Return which test led to the state of a row, and its evidence with its numbers."""
     size, growth = f'the {_size(row)}', f'growth rate {_number(row, "growth_rate", "1/s")}'
     floor = f'quiet amplitude {_number(row, "noise_floor", _judged(row)[1], 1e3)}'
-    ratio, limit = float(row['log_likelihood_ratio']), float(row['log_likelihood_ratio_limit'])
-    by_ratio = f'log likelihood ratio {ratio:.3g}, limit {limit:.3g}; {growth}'
+    hunts = (
+        f'hunting with a probability of {_percent(float(row["hunting_probability"]))}; {growth}'
+    )
     value, low, high = (
         f'{100.0 * float(row[f"escape_probability{end}"]):.0f}' for end in ('', '_low', '_high')
     )
@@ -165,15 +166,24 @@ def state_cause(row: np.void, basis: Basis) -> tuple[str, str]:
             f'{size} has reached the limit cycle{of_it}{edge}; {growth}',
         ),
         states.STEADY: (
-            'likelihood_ratio',
-            f'{size} stays as that of a limit cycle does: {by_ratio}, {floor}',
+            'hunting_probability',
+            f'{size} stays as that of a limit cycle does: {hunts}, {floor}',
         ),
-        states.GROWING: ('likelihood_ratio', f'{size} grows for sure: {by_ratio}, {floor}'),
+        states.GROWING: ('hunting_probability', f'{size} grows: {hunts}, {floor}'),
         states.COMES_BACK: ('escape_probability', f'{chance} only{edge}; {growth}'),
-        states.FALLS: ('likelihood_ratio', f'{size} falls for sure: {by_ratio}{edge}'),
+        states.FALLS: ('hunting_probability', f'{size} falls: {hunts}{edge}'),
         states.OVER: ('noise_floor', f'{size} is that of the quiet motion again: {floor}'),
     }
     return words.get(int(row['state_cause']), ('amplitude', size))
+
+
+def _percent(chance: float) -> str:
+    """Return a probability in per cent, with the digits that tell it from 0 and 1."""
+    if math.isnan(chance):
+        return 'that is not known'
+    least = min(chance, 1.0 - chance)
+    digits = 0 if least >= 0.01 else min(math.ceil(-math.log10(max(least, 1e-9))) - 2, 3)
+    return f'{100.0 * chance:.{digits}f} %'
 
 
 def region_cause(row: np.void, basis: Basis) -> str:

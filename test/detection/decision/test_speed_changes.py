@@ -27,14 +27,15 @@ def said(seed: int, ratio: float, after_s: float, kick: float, damping: float, p
     return since[np.isin(rows['state'], (State.ESCAPING, State.LIMIT_CYCLE))]
 
 
-@pytest.mark.parametrize('seconds', [2.0, 4.0, 8.0])
-def test_a_kick_onto_the_limit_cycle_soon_after_the_start(seconds) -> None:
+@pytest.mark.parametrize(('seconds', 'within_s'), [(2.0, 8.0), (4.0, 3.0), (8.0, 3.0)])
+def test_a_kick_onto_the_limit_cycle_soon_after_the_start(seconds, within_s) -> None:
+    """Before the noise is known no kick is told from it: it is said as a cycle is."""
     late = 0
     for seed in range(SEEDS):
         path = noise(seconds + 20.0, 0.4, seed=seed, lag_s=0.15)
         path[round(seconds * ROWS) :] += 40.0 * QUIET
         hunts = np.isin(decided(np.abs(path))['state'], (State.ESCAPING, State.LIMIT_CYCLE))
-        late += not hunts[: round((seconds + 3.0) * ROWS)].any()
+        late += not hunts[: round((seconds + within_s) * ROWS)].any()
     assert late <= at_most(0.1, SEEDS)
 
 
@@ -68,8 +69,9 @@ def test_readings_of_one_speed_that_are_noisy_tell_as_much_as_exact_ones() -> No
     for speed in (SPEED, readings):
         memory = decisions.fresh_memory()
         decided(path, memory=memory, speed=speed)
-        rows.append(memory['ratios']['count'][0, 2])
-    assert rows[1] > 0.7 * rows[0]
+        rows.append(memory['motion']['off'][0])
+    assert rows[0] == 0.0
+    assert rows[1] < 0.05
 
 
 @pytest.mark.parametrize('known_s', [8.0, 20.0])

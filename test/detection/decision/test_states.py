@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.decision import decisions, likelihood, states
+from hunt_ros.detection.decision import decisions, states
 from hunt_ros.detection.decision.rules import rows_of, rules_of
 from hunt_ros.detection.output import blank_rows
 from hunt_ros.detection.regions import State
@@ -25,15 +25,14 @@ class Machine:
         self.memory['state']['motion' if state <= State.DISTURBED else 'hunting']['word'] = state
         self.memory['state']['reference'] = CYCLE
         self.memory['floor']['square'] = FLOOR**2
-        self.memory['ratios']['count'] = 1000
-        self.memory['ratios']['noise'] = FLOOR**2
+        self.memory['motion']['marks'] = 1000
 
     def feed(
         self,
         amplitude: float,
         probability: float,
         rows: int = 1,
-        falls: float = 0.0,
+        hunts: float = 0.5,
         edge: float = EDGE,
         stable: float = CYCLE,
     ) -> State:
@@ -41,13 +40,11 @@ class Machine:
         row['noise_floor'], row['escape_probability'] = FLOOR, probability
         row['unstable_amplitude'], row['stable_amplitude'] = edge, stable
         memory = self.memory[0]
-        memory['ratios']['fall'] = falls
-        memory['ratios']['a'][0] = amplitude
+        memory['motion']['cycles'] = hunts
         for _ in range(rows):
             states.judge(
                 RULES,
                 memory['state'],
-                memory['ratios'],
                 memory['motion'],
                 amplitude,
                 1e-6,
@@ -105,16 +102,7 @@ def test_the_limit_cycle_is_reached_kept_and_left() -> None:
     machine.feed(EDGE * 1.5, 1.0, HOLD)
     assert machine.feed(0.9 * CYCLE, 1.0, CYCLE_ROWS + 2) is State.LIMIT_CYCLE
     assert machine.feed(0.75 * CYCLE, 1.0, 500) is State.LIMIT_CYCLE  # slower: a smaller cycle
-    assert machine.feed(0.5 * CYCLE, 1.0, falls=RULES.evidence) is State.DECAYING
-
-
-def test_what_fell_before_it_hunted_ends_no_hunting() -> None:
-    machine = Machine()
-    machine.memory['ratios']['falls'] = np.exp(RULES.evidence)
-    assert machine.feed(0.6 * CYCLE, 1.0, ESCAPE + 2) is State.ESCAPING
-    ratios = machine.memory['ratios'][0]
-    likelihood._sum_up(RULES, ratios)
-    assert machine.feed(0.6 * CYCLE, 1.0, falls=ratios['fall']) is State.ESCAPING
+    assert machine.feed(0.5 * CYCLE, 1.0, hunts=0.01) is State.DECAYING
 
 
 @settings(deadline=None, max_examples=40)

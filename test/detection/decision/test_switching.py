@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 from decided import ROWS, decided, noise
 
 from hunt_ros.detection.configuration import DetectorConfig
@@ -49,10 +50,29 @@ def test_noise_alone_is_no_cycle_however_strong() -> None:
     assert hunts == 0
 
 
-def test_what_decided_stands_with_its_limit() -> None:
+def test_each_row_says_how_likely_it_hunts() -> None:
     rows = decided(amplitude(60.0, 30.0, 0), RULES, std=20e-6)
-    first = rows[np.isin(rows['state'], (State.ESCAPING, State.LIMIT_CYCLE))][0]
-    assert first['log_likelihood_ratio'] >= first['log_likelihood_ratio_limit']
+    hunts = np.isin(rows['state'], (State.ESCAPING, State.LIMIT_CYCLE))
+    chance = rows['hunting_probability']
+    assert chance[hunts][0] > 0.98 > chance[~hunts][-1]
+    assert np.nanmedian(chance[: 25 * ROWS]) < 1e-3
+
+
+def test_what_begins_to_hunt_is_as_rare_as_false_alarms_are_to_be() -> None:
+    hazards = [
+        rules_of(DetectorConfig(false_alarms_per_week=rate), math.nan, math.nan).hazard
+        for rate in (1.0, 0.1)
+    ]
+    assert hazards[0] == 10.0 * hazards[1]
+
+
+@pytest.mark.parametrize('std', [1.0, 3.0])
+def test_an_estimate_of_nothing_that_moves_smoothly_is_no_cycle(std: float) -> None:
+    """A filter at rest: an amplitude within its own error, which hardly changes."""
+    t = np.arange(120 * ROWS) / ROWS
+    path = 0.7e-6 * (1.0 + 0.02 * np.sin(0.1 * t))
+    rows = decided(np.asarray(path), RULES, std=std * 1e-6, speed=0.0)
+    assert not np.isin(rows['state'], (State.ESCAPING, State.LIMIT_CYCLE)).any()
 
 
 def test_what_is_damped_by_less_than_the_least_damping_is_a_cycle_to_the_model_too() -> None:
