@@ -44,7 +44,7 @@ def recorded_run(path: Path | Bag) -> RecordedRun | None:
     Parameters
     ----------
     path : Path or Bag
-        The recording; of messages that cannot be read its `remarks` tell.
+        The recording; of messages that cannot be read its `problems` tell.
 
     Returns
     -------
@@ -83,7 +83,7 @@ def recorded_events(path: Path | Bag) -> list[Event] | None:
     Parameters
     ----------
     path : Path or Bag
-        The recording; of messages that cannot be read its `remarks` tell.
+        The recording; of messages that cannot be read its `problems` tell.
 
     Returns
     -------

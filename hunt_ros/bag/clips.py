@@ -110,7 +110,7 @@ class Clip:
             writer.describe(*layout.schemas.values(), *layout.channels.values())
         for chunk in chunks:
             with suppress(ValueError):  # damaged
-                copy_chunk(layout, chunk, writer)
+                copy_chunk(file, chunk, writer)
 
 
 class Clips:

@@ -8,28 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.blocks import LONGEST_NS, SET_BACK_NS, Topic, by_topic, clocks_of, possible_times
+from hunt_ros.bag import clocks
+from hunt_ros.bag.blocks import Topic, by_topic
 from hunt_ros.bag.cdr.gather import Gathered, Wanted, gather
 from hunt_ros.bag.cdr.layout import PathError, joint_of, parse_path, stamp_path, usual_field
 from hunt_ros.bag.cdr.message_types import definitions_of
 from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
 from hunt_ros.bag.reader import Bag, opened
-from hunt_ros.bursts import bursts_of, evened
+from hunt_ros.bursts import evened
 from hunt_ros.errors import BagError, MessageError
-from hunt_ros.samples import (
-    CHANNELS,
-    CLOCK_RESET_NS,
-    NANOSECONDS,
-    Record,
-    Series,
-    counted,
-    different,
-)
+from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series
 from hunt_ros.sensors import JOINT_STATE
 
 #: Which stamp a column has: that in the message's header (log time where it has none
@@ -42,11 +35,6 @@ _FASTEST = 50.0
 _LATE_NS = 3600 * NANOSECONDS
 #: Spacing of the samples that stand for a constant channel, ns.
 CONSTANT_STEP_NS = NANOSECONDS // 100
-#: Of so many stamps of a channel it is told whether its clock is that of the others: a tenth of
-#: fewer than the second is the hiccup of a start.
-_LOOKED_AT, _FEWEST_STAMPS = 1000, 100
-#: So many samples of one stamp are no mistake of a sender: nothing can be told of their motion.
-_FEWEST_TIMES = 10
 
 
 def read_columns(
@@ -106,7 +94,7 @@ class _Reader:
         }
         if shared:
             found = self._read(shared)
-        columns, clocks = {}, {}
+        columns, times = {}, {}
         for name, source in self.sources.items():
             parts = found.pop(name)
             others = {joint for part in parts for joint in part.others}
@@ -122,25 +110,21 @@ class _Reader:
                 if empty:
                     what = f'no message holds a {field} of joint {wanted!r}'
                 raise MessageError(f'{self.bag.path}: {where}: {what}')
-            possible = possible_times(series.stamps_ns)
+            possible = clocks.possible(series.stamps_ns)
             if not possible.all():
                 log_ns = log_ns[possible]
                 series = Series(series.stamps_ns[possible], series.values[possible])
-            passed = {
-                f'hold no {field}': empty,
-                f'cannot be read ({why})': unread,
-                'are of an impossible time': int(np.count_nonzero(~possible)),
-            }
-            self.bag.remarks += [
-                f'{where}: {count} messages {what}, and are passed over'
-                for what, count in passed.items()
-                if count
-            ]
-            columns[name] = series
-            some = np.linspace(0, log_ns.size - 1, _LOOKED_AT).astype(np.int64)
-            if log_ns.size >= _FEWEST_STAMPS and (np.diff(log_ns[some]) >= 0).all():
-                clocks[name] = Series(log_ns[some], series.stamps_ns[some].astype(np.float64))
-        self.bag.remarks += [one for one in [_set_back(columns) or _apart(clocks)] if one]
+            for count, what in (
+                (empty, f'hold no {field}'),
+                (unread, f'cannot be read ({why})'),
+                (int(np.count_nonzero(~possible)), 'are of an impossible time'),
+            ):
+                if count:
+                    text = f'{where}: {count} messages {what}, and are passed over'
+                    self.bag.note('damaged_message', text)
+            columns[name], times[name] = series, (log_ns, series.stamps_ns)
+        if told := clocks.set_back(columns) or clocks.apart(times):
+            self.bag.note('clock_jump', told)
         return columns
 
     def _read(self, shared: Collection[str] = ()) -> dict[str, list[Gathered]]:
@@ -195,55 +179,15 @@ def _series(
         if not stamps.all():  # a header that nobody filled: the log time stands in
             stamps = np.where(stamps == 0, log_ns, stamps)
     if (log_ns[1:] < log_ns[:-1]).any():
-        lost = ~possible_times(log_ns)  # in the place of the one before
+        lost = ~clocks.possible(log_ns)  # in the place of the one before
         log_ns = log_ns[np.maximum.accumulate(np.where(lost, lost.argmin(), np.arange(lost.size)))]
-        order = np.lexsort((log_ns, clocks_of(log_ns)))
+        order = np.argsort(clocks.going_on({'': log_ns})[''], kind='stable')
         log_ns, stamps, values = log_ns[order], stamps[order], values[order]
     if source.scale != 1.0:
         values *= source.scale
     if source.offset:
         values += source.offset
     return log_ns, Series(stamps, values)
-
-
-def _set_back(columns: Mapping[str, Series]) -> str:
-    """Say which clocks were set back, and how many samples that concerns; '' where none was."""
-    steps = {name: np.diff(one.stamps_ns).min(initial=0) for name, one in columns.items()}
-    names = [name for name, step in steps.items() if step < -SET_BACK_NS]
-    if not names:
-        return ''
-    every = [columns[name].stamps_ns for name in names]
-    count = sum(np.count_nonzero(one < np.maximum.accumulate(one)) for one in every)
-    return (
-        f'a clock was set back by {-min(steps.values()) / NANOSECONDS:.3f} s: {count} samples of'
-        f' {", ".join(names)} are stamped before earlier ones, and kept'
-    )
-
-
-def _apart(clocks: Mapping[str, Series]) -> str:
-    """
-    Say which channels are stamped by another clock than most: far from theirs, or drifting.
-
-    `clocks` are some stamps of each channel, as the values of a series, at their log times.
-    """
-    off_s: dict[str, Any] = {}
-    for name, one in clocks.items():
-        first = next(iter(clocks.values()))
-        both = one.between(int(first.stamps_ns[0]), int(first.stamps_ns[-1]) + 1)
-        if len(both) >= _FEWEST_STAMPS:
-            off = both.values - np.interp(both.stamps_ns, first.stamps_ns, first.values)
-            ends = np.array_split(off / NANOSECONDS, 10)[::9]
-            # Of a replay that runs faster a delay on the way is so much more by its stamps.
-            pace = np.median(np.diff(one.values)) / max(1.0, np.median(np.diff(one.stamps_ns)))
-            off_s[name] = np.array([np.median(end) for end in ends]) / max(1.0, pace)
-    usual = np.sort([*off_s.values()], axis=0)[len(off_s) // 2] if off_s else 0.0
-    told = [
-        f'{name} is off by {begin:.3f} s at the beginning and {end:.3f} s at the end'
-        for name, (begin, end) in ((name, one - usual) for name, one in off_s.items())
-        if max(abs(begin), abs(end)) > CLOCK_RESET_NS / NANOSECONDS
-        or abs(end - begin) > SET_BACK_NS / NANOSECONDS
-    ]
-    return f'not all channels are stamped by one clock: {", ".join(told)}' if told else ''
 
 
 def read_record(
@@ -299,9 +243,9 @@ def read_record(
         filled = {
             name: columns[name] for name in CHANNELS if name in columns and len(columns[name])
         }
-        _refuse_stopped(filled, str(bag.path))
+        clocks.refuse_still(filled, str(bag.path))
         first, last = bag.span_ns or (0, 0)
-        refuse_years(filled, str(bag.path), _FASTEST * (last - first) + _LATE_NS)
+        clocks.refuse_years(filled, str(bag.path), _FASTEST * (last - first) + _LATE_NS)
         for name in require:
             if name in filled or (name in sources and name not in measured):
                 continue
@@ -313,56 +257,14 @@ def read_record(
             )
         if not filled:
             raise BagError(f'{bag.path}: its topics {", ".join(measured)} hold no messages')
-        path, notes = str(bag.path), _notes(bag)
+        path, notes = str(bag.path), dict(bag.notes)
+        if bag.problems:
+            notes['problems'] = '; '.join(map(str, bag.problems))
         if not as_stamped:
             filled, remarks = evened(filled)
             if remarks:
                 notes['bursts'] = '; '.join(remarks)
         return Record(with_constants(filled, sources, path), path, notes)
-
-
-def _refuse_stopped(columns: Mapping[str, Series], where: str) -> None:
-    """Refuse a clock that stands still."""
-    for name, one in columns.items():
-        times = different(one.stamps_ns)
-        if _FEWEST_TIMES * times < len(one) and bursts_of(one.stamps_ns) is None:
-            raise MessageError(
-                f'{where}: {name}: {len(one)} samples at {counted(times, "different time")}:'
-                ' its clock stands still'
-            )
-
-
-def refuse_years(
-    columns: Mapping[str, Series], where: str, longest_ns: float = LONGEST_NS
-) -> None:
-    """
-    Refuse stamps that are no times: the record would last for years, nearly all of it empty.
-
-    Raises
-    ------
-    MessageError
-        Naming where they come from, and the one that is the farthest from the others.
-    """
-    ends = _ends(columns)
-    if not ends or max(ends)[0] - min(ends)[0] <= longest_ns:
-        return
-    middle = float(np.median(np.concatenate([one.stamps_ns for one in columns.values()])))
-    odd, name = max(ends, key=lambda end: abs(end[0] - middle))
-    raise MessageError(
-        f'{where}: {name}: a stamp of {odd / NANOSECONDS:.10g} s,'
-        f' {abs(odd - middle) / NANOSECONDS:.3g} s from the others:'
-        ' its clock was not set, or the unit of its times is another one'
-    )
-
-
-def _ends(columns: Mapping[str, Series]) -> list[tuple[int, str]]:
-    """Return the earliest and the latest stamp of each column, ns, with its name."""
-    return [
-        (int(end), name)
-        for name, one in columns.items()
-        if len(one)
-        for end in (one.stamps_ns.min(), one.stamps_ns.max())
-    ]
 
 
 def with_constants(
@@ -379,13 +281,10 @@ def with_constants(
     constants = {
         name: source.constant for name, source in sources.items() if source.constant is not None
     }
-    stamps, ends = np.zeros(0, np.int64), _ends(columns)
-    if constants and ends:
-        refuse_years(columns, where)
-        (first, _), (last, _) = min(ends), max(ends)
-        stamps = np.arange(first, last + 1, CONSTANT_STEP_NS, dtype=np.int64)
-        if stamps[-1] != last:
-            stamps = np.append(stamps, np.int64(last))
+    stamps = np.zeros(0, np.int64)
+    if constants and any(map(len, columns.values())):
+        first, last = clocks.refuse_years(columns, where)
+        stamps = np.append(np.arange(first, last, CONSTANT_STEP_NS, dtype=np.int64), last)
     added = {name: Series(stamps, np.full(stamps.size, one)) for name, one in constants.items()}
     return {**columns, **added}
 
@@ -398,13 +297,6 @@ def _named_channels(bag: Bag, wanted: Collection[str]) -> dict[str, ChannelSourc
         for channel in CHANNELS
         if channel in wanted and channel in last
     }
-
-
-def _notes(bag: Bag) -> dict[str, str]:
-    notes = dict(bag.notes)
-    if told := [*bag.problems, *dict.fromkeys(bag.remarks)]:
-        notes['problems'] = '; '.join(told)
-    return notes
 
 
 def find_topic(bag: Bag, topic: str, channel: str) -> str:
@@ -435,4 +327,4 @@ def listed(bag: Bag) -> str:
     """Return the first dozen topics of a recording, and what is wrong with it, for a message."""
     names = sorted(bag.topics)
     more = f' and {len(names) - 12} more' if len(names) > 12 else ''
-    return ': '.join([', '.join(names[:12]) + more or 'no topics', *bag.problems[-1:]])
+    return ': '.join([', '.join(names[:12]) + more or 'no topics', *map(str, bag.problems[-1:])])

@@ -8,14 +8,15 @@ goes on: it reads everything, checks every chunk, and looks at the time of every
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.blocks import by_topic, span_of
+from hunt_ros.bag.blocks import Problem, by_topic
+from hunt_ros.bag.clocks import span_of
 from hunt_ros.bag.columns import find_topic, read_record
 from hunt_ros.bag.plausible import possible_readings, wrong_unit
 from hunt_ros.bag.reader import Bag
@@ -31,21 +32,6 @@ GAP_S = 0.1
 STEADY_COUNT = 50
 #: A steady topic that ends so long before the recording does has stopped.
 STOPPED_S = 2.0
-
-
-@dataclass(frozen=True)
-class Problem:
-    """
-    One thing that is wrong.
-
-    `kind` is one of: not_closed, damaged_file, damaged_chunk, damaged_message, bad_index,
-    gap, stopped, clock_jump, missing_channel, wrong_unit, bursts. `time_s` counts from the
-    recording's first stamp, or is None where the problem has no place in time.
-    """
-
-    kind: str
-    text: str
-    time_s: float | None = None
 
 
 @dataclass
@@ -103,6 +89,7 @@ def inspect(
     """
     with Bag(path) as bag:
         times, damage = _read_times(bag, advance)
+        record, found = _measured(bag)
         span = span_of([*times.values()])
         start, end = span or (0, 0)
         report = Inspection(
@@ -112,9 +99,8 @@ def inspect(
             start if span else None,
             (end - start) / NANOSECONDS,
             bag.notes,
-            problems=[_opening(problem) for problem in bag.problems] + damage,
+            problems=bag.problems + damage,
         )
-        record, found = _measured(bag)
         # The channels of a rig are judged by the stamps that every command reads them by.
         read = {find_topic(bag, name, name): name for name in record}
         for name, summary in sorted(bag.topics.items()):
@@ -152,23 +138,16 @@ def _measured(bag: Bag) -> tuple[Record, list[Problem]]:
         return Record({}), [Problem('damaged_message', str(error))]
     except BagError:
         return Record({}), []  # not those of a rig, or damaged, which is said already
-    texts = (wrong_unit(channel, series) for channel, series in record.items())
-    found = [
-        Problem('damaged_message' if text.startswith('topic ') else 'clock_jump', text)
-        for text in dict.fromkeys(bag.remarks)
-        if 'set back' not in text  # each topic says when its own was
-    ]
-    if far := possible_readings(replace(record, notes={})).notes.get('problems'):
-        found.append(Problem('damaged_message', far))
-    found += [Problem('wrong_unit', text) for text in texts if text]
+    found = [Problem('damaged_message', text) for text in possible_readings(record)[1]]
+    for name, series in record.items():
+        if not len(series.finite()):
+            text = f'channel {name}: none of {len(series)} readings is a number'
+            found.append(Problem('damaged_message', text))
+        if text := wrong_unit(name, series):
+            found.append(Problem('wrong_unit', text))
     if bursts := record.notes.get('bursts'):
         found.append(Problem('bursts', bursts))
     return record, found
-
-
-def _opening(problem: str) -> Problem:
-    not_closed = 'not closed' in problem or 'does not end as' in problem
-    return Problem('not_closed' if not_closed else 'damaged_file', problem)
 
 
 def _read_times(
@@ -189,8 +168,6 @@ def _read_times(
             parts.setdefault(topic.name, []).append(places.log_ns)
             done += places.log_ns.size
         advance(min(1.0, done / total))
-    for file in bag.files:
-        problems += [Problem(kind, f'{file.path}: {text}') for kind, text in file.remarks[:10]]
     return {name: np.concatenate(several) for name, several in parts.items()}, problems
 
 

@@ -16,14 +16,14 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
-from hunt_ros.bag.blocks import Block, Topic, pack_messages
+from hunt_ros.bag.blocks import Block, Problem, Topic, pack_messages
 from hunt_ros.errors import BagError
 
 _ROWS = 20_000
 _BYTES = 1 << 22
 
-#: Bytes, at a time from 1970 on; what is not is passed over.
-_POSSIBLE = "typeof(timestamp) = 'integer' AND timestamp >= 0 AND typeof(data) = 'blob'"
+#: Bytes, at a time; what is not is passed over.
+_POSSIBLE = "typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
 
 #: What a message about a damaged file says; SQLite knows no checksum.
 SALVAGE_HINT = '"sqlite3 FILE .recover" saves what can be read'
@@ -46,8 +46,7 @@ class SqliteFile:
 
     def __init__(self, path: str | Path) -> None:
         self.path = str(path)
-        self.problems: list[str] = []
-        self.remarks: list[tuple[str, str]] = []
+        self.problems: list[Problem] = []
         self.metadata: list[tuple[str, dict[str, str]]] = []
         try:
             self._base = sqlite3.connect(_address(Path(path).resolve()), uri=True)
@@ -64,7 +63,7 @@ class SqliteFile:
             self._count()
         except (sqlite3.Error, TypeError, ValueError) as error:
             # The topics are known: what can be read of the messages, the reading shows.
-            self.problems.append(str(self._damage(error)))
+            self.problems.append(Problem('damaged_file', str(self._damage(error))))
 
     def _read_topics(self) -> list[Topic]:
         ((page,),) = self._base.execute('PRAGMA page_size')
@@ -93,12 +92,12 @@ class SqliteFile:
         lost: Counter[str] = Counter()
         for key, possible, count in self._base.execute(query):
             if not possible:
-                lost['messages of an impossible time, or of no bytes'] += count
+                lost['messages without a time, or of no bytes'] += count
                 continue
             self.counts[int(key)] = int(count)
             if int(key) not in {topic.id for topic in self.topics}:
                 lost['messages of topics described nowhere'] += count
-        self.problems += [f'{count} {what}' for what, count in lost.items()]
+        self.problems += [Problem('damaged_file', f'{n} {what}') for what, n in lost.items()]
 
     @property
     def span_ns(self) -> tuple[int, int] | None:

@@ -56,8 +56,9 @@ def run(arguments: argparse.Namespace) -> Found:
             events[record.source], clearances[record.source] = found, held
             with Bag(path := Path(record.source)) as bag:
                 live = recorded_events(bag)
-            for remark in bag.remarks:
-                print(f'hunt report: damaged: {remark}', file=sys.stderr)
+            for problem in map(str, bag.problems):
+                if problem not in record.notes.get('problems', ''):
+                    print(f'hunt report: damaged: {problem}', file=sys.stderr)
             told = found if live is None else live
             clips = [clip.name for clip in clips_of(path)]
             loads.append(load_of(told, record, live is not None, clips))

@@ -13,6 +13,7 @@ from bags_made import make_record, write_mcap, write_rosbags
 
 from hunt_ros.bag import read_record, write_record
 from hunt_ros.bag.inspection import inspect
+from hunt_ros.bag.mcap.file import McapFile
 from hunt_ros.bag.mcap.layout import Layout
 from hunt_ros.bag.mcap.records import FOOTER_SIZE, MESSAGE_PREFIX, RECORD
 from hunt_ros.samples import Record, Series
@@ -96,3 +97,28 @@ def test_times_in_the_head_of_a_chunk_change_no_time_of_a_message(tmp_path, off_
     found = inspect(file)
     assert (found.problems, found.duration_s) == ([], pytest.approx(record.duration_s))
     assert found.start_ns == record.start_ns
+
+
+def test_a_channel_without_a_number_is_not_sound(tmp_path) -> None:
+    record = make_record(seconds=1.0)
+    lateral = Series(record['lateral'].stamps_ns, np.full(len(record['lateral']), np.nan))
+    write_record(tmp_path / 'run', Record({**record, 'lateral': lateral}))
+    (problem,) = inspect(tmp_path / 'run').problems
+    count = len(lateral)
+    told = f'channel lateral: none of {count} readings is a number'
+    assert (problem.kind, problem.text) == ('damaged_message', told)
+
+
+def test_a_chunk_shorter_than_a_message_is_told_in_words_of_a_recording(small, tmp_path) -> None:
+    (file,) = small.glob('*.mcap')
+    with closing(McapFile(file)) as opened:
+        key, *_ = opened.layout.channels
+        described = bytes(opened.view[: opened.layout.chunks[0].offset])
+    body = struct.pack('<QQQIIQ', 1, 1, 3, 0, 0, 3) + b'abc'
+    index = struct.pack('<HIQQ', key, 16, 1, 0)
+    records = RECORD.pack(6, len(body)) + body + RECORD.pack(7, len(index)) + index
+    short = tmp_path / 'a.mcap'
+    short.write_bytes(described + records + RECORD.pack(15, 4) + bytes(4))
+    told = [problem.text for problem in inspect(short).problems]
+    assert told[-1].endswith('1 messages that are not those of their index are left out')
+    assert len(told) == 2, 'the end of the file is missing'

@@ -42,7 +42,7 @@ def test_a_damaged_message_costs_itself_and_is_told_in_one_line(tmp_path: Path) 
         writer.write(key, 2, b'\x00\x01\x00\x00\x02\x00\x00\x00x\x00')
     with Bag(tmp_path / 'run') as bag:
         assert read_texts(bag, 't') == ['x']
-        (told,) = bag.remarks
+        (told,) = map(str, bag.problems)
     assert told.startswith('topic /t: 1 messages cannot be read (not a std_msgs/msg/String: ')
     assert '\n' not in told
 

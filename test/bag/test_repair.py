@@ -295,6 +295,7 @@ def test_unchunked_files_and_split_folders_are_repaired(tmp_path: Path) -> None:
     (file,) = path.glob('*.mcap')
     shutil.copy(file, path / 'run_1.mcap')
     (path / 'run_2.mcap').write_bytes(file.read_bytes()[:-3000])
+    assert 'run_1.mcap is not named in metadata.yaml' in read_record(path).notes['problems']
     report = repair(path, tmp_path / 'out')
     assert len(list((tmp_path / 'out').glob('*.mcap'))) == 3
     assert report.messages > 2 * sum(map(len, record.values()))

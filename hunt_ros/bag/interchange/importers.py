@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
-from hunt_ros.bag.columns import read_record, refuse_years, with_constants
+from hunt_ros.bag.clocks import refuse_years
+from hunt_ros.bag.columns import read_record, with_constants
 from hunt_ros.bag.interchange.tables import Table, load_table, select
 from hunt_ros.bag.plausible import NO_READING
 from hunt_ros.bag.reader import ROS_1, STORAGES, storage_kind

@@ -18,19 +18,17 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.blocks import Block, Places, strided
+from hunt_ros.bag.blocks import Block, Places, Problem, strided
 from hunt_ros.bag.mcap import records as rec
-from hunt_ros.bag.mcap.layout import ENTRY_BYTES, IMPOSSIBLE, IndexPlace, Layout, walked_places
+from hunt_ros.bag.mcap.layout import IndexPlace, Layout, walked_places
 from hunt_ros.errors import BagError
+from hunt_ros.samples import counted
 
 #: Chunks are gathered together up to this many expanded bytes, so that small ones cost little.
 BLOCK_BYTES = 1 << 22
 #: What to do about damage, behind it.
 REPAIR = '; "hunt info BAG --repair OUT" saves what is sound'
 
-
-#: A kind of what cannot be read: no CRC, and the index tells something else.
-UNPROVEN = 'messages that are not those of their index'
 #: A chunk, expanded and checked, and where its messages lie in it.
 _Opened: TypeAlias = tuple[rec.Chunk, NDArray[np.uint8], dict[int, Places]]
 
@@ -54,10 +52,7 @@ class McapFile:
     counts : dict of int to int
         Messages by topic id.
     metadata : list of (name, strings)
-    problems : list of str
-        What is wrong with the file as far as opening it shows; empty for a sound file.
-    remarks : list of (kind, text)
-        What reading it has shown since, without harm to what was read.
+    problems : list of Problem
 
     Raises
     ------
@@ -78,7 +73,6 @@ class McapFile:
             self._map.close()
             raise BagError(f'{path}: not an MCAP file, it does not begin with its magic bytes')
         self.view = memoryview(self._map)
-        self.remarks: list[tuple[str, str]] = []
         try:
             self.layout = layout = Layout(self.view)
         except BaseException:
@@ -87,12 +81,37 @@ class McapFile:
         self.topics = list(layout.topics.values())
         self.counts = dict(layout.counts)
         self.metadata = [(part.name, part.metadata) for part in layout.metadata]
-        self.problems = [f'no usable summary: {layout.no_summary}'] if layout.no_summary else []
-        self.problems += layout.problems
-        if not self.problems and layout.claimed not in (None, +layout.counts):
+        self._found: list[Problem] = []
+        if layout.no_summary:
+            closed = self.view[-len(rec.MAGIC) :] == rec.MAGIC
+            text = f'no usable summary: {layout.no_summary}'
+            self._found.append(Problem('damaged_file' if closed else 'not_closed', text))
+        texts = list(layout.problems)
+        if not self._found and not texts and layout.claimed not in (None, +layout.counts):
             there, told = layout.counts.total(), sum((layout.claimed or {}).values())
-            self.problems.append(f'{there} messages are in it, {told} by its summary')
-        self.problems += [f'{count} {what}' for what, count in layout.left_out.items() if count]
+            texts.append(f'{there} messages are in it, {told} by its summary')
+        if layout.homeless:
+            texts.append(f'{layout.homeless} messages of topics described nowhere')
+        self._found += [Problem('damaged_file', text) for text in texts]
+        #: Chunks whose index does not fit, with how many messages are lost: there is no CRC.
+        self._misfits: dict[int, int] = {}
+
+    @property
+    def problems(self) -> list[Problem]:
+        """What is wrong with the file, as far as opening and reading it have shown."""
+        found = list(self._found)
+        if walked := sum(not count for count in self._misfits.values()):
+            text = f'the message index of {counted(walked, "chunk")} does not fit: walked through'
+            found.append(Problem('bad_index', text))
+        if self.unproven:
+            text = f'{self.unproven} messages that are not those of their index are left out'
+            found.append(Problem('damaged_message', text))
+        return found
+
+    @property
+    def unproven(self) -> int:
+        """Messages without a CRC, left out as they are not those of their index."""
+        return sum(self._misfits.values())
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
@@ -127,11 +146,13 @@ class McapFile:
             if topics.isdisjoint(self.layout.indexes.get(chunk.offset, topics)):
                 continue
             try:
-                opened = self._opened(whole, chunk, topics)
-            except BagError as error:
+                opened = (chunk, *self.opened(chunk, topics))
+            except ValueError as error:
+                where = f'{self.path}: chunk at byte {chunk.offset}'
+                failed = BagError(f'{where}: {error}{REPAIR}')
                 if damaged is None:
-                    raise
-                damaged(error)
+                    raise failed from error
+                damaged(failed)
                 continue
             if group and size + chunk.size > BLOCK_BYTES:
                 yield _block(whole, group)
@@ -144,28 +165,60 @@ class McapFile:
         if loose:
             yield Block(whole, loose)
 
-    def _opened(self, whole: NDArray[np.uint8], chunk: rec.Chunk, topics: set[int]) -> _Opened:
-        """Expand a chunk, check its CRC, and find the messages in it."""
-        try:
-            data = np.frombuffer(rec.expand_chunk(whole.data, chunk), dtype=np.uint8)
-            index = self.layout.indexes.get(chunk.offset)
-            places, fits = _indexed_places(data, index or {}, whole, topics)
-            if index is None or not fits:
-                if index is not None:
-                    _refuse_unproven(chunk)
-                    said = f'chunk at byte {chunk.offset} has a message index that does not fit'
-                    self.remarks.append(('bad_index', f'{said}: it was walked through'))
-                places = walked_places(data.data)
-                places = {key: places[key] for key in topics & places.keys()}
-        except ValueError as error:
-            where = f'{self.path}: chunk at byte {chunk.offset}'
-            raise BagError(f'{where}: {error}{REPAIR}') from error
-        possible = {key: found.possible() for key, found in places.items()}
-        lost = sum(places[key].log_ns.size - found.log_ns.size for key, found in possible.items())
-        if lost:
-            text = f'chunk at byte {chunk.offset}: {lost} {IMPOSSIBLE}'
-            self.remarks.append(('damaged_message', text))
-        return chunk, data, possible
+    def opened(
+        self, chunk: rec.Chunk, wanted: Collection[int] | None = None
+    ) -> tuple[NDArray[np.uint8], dict[int, Places]]:
+        """
+        Expand a chunk, check its CRC, and find the messages in it: of topics, or all.
+
+        Without a CRC they are those that the index tells as they are.
+
+        Raises
+        ------
+        ValueError
+            If it is no sequence of records, or compressed, with nothing that proves all of it.
+        """
+        data = np.frombuffer(rec.expand_chunk(self.view, chunk), dtype=np.uint8)
+        index = self.layout.indexes.get(chunk.offset)
+        if index is not None and not (chunk.crc and wanted is None):  # what has to be all of it
+            asked = index.keys() if wanted is None else index.keys() & wanted
+            found = {key: self._indexed(data, index[key], key) for key in asked}
+            lost = sum(index[key][1] - places.starts.size for key, places in found.items())
+            if not lost:
+                return data, found
+            # Damage in front of the expansion may have harmed anything: nothing shows it.
+            if chunk.compression and not chunk.crc:
+                raise ValueError('its messages are not those of its index, and it has no CRC')
+            self._misfits[chunk.offset] = 0 if chunk.crc else lost
+            if not chunk.crc:
+                return data, found
+        places = walked_places(data.data)
+        return data, {key: one for key, one in places.items() if wanted is None or key in wanted}
+
+    def _indexed(self, data: NDArray[np.uint8], place: IndexPlace, channel: int) -> Places:
+        """Return the messages of a channel that are where their index says, and of its times."""
+        offset, count = place
+        entries = np.frombuffer(self.view, '<u8', 2 * count, offset)
+        times, offsets = entries[::2], entries[1::2]
+        inside = offsets < max(0, data.size - rec.MESSAGE_PREFIX + 1)
+        if not inside.all():
+            offsets, times = offsets[inside], times[inside]
+        places = offsets.astype(np.int64)
+        # Opcode and the low bytes of the length; the rest of it, and the channel.
+        head = strided(data, '<u8', 0)[places]
+        rest = strided(data, '<u4', 8)[places]
+        lengths = (head >> np.uint64(8)).view(np.int64) - rec.MESSAGE_HEAD.size
+        starts = places + rec.MESSAGE_PREFIX
+        log_ns = strided(data, '<u8', 15)[places]
+        sound = (
+            ((head & np.uint64(0xFF)) == rec.MESSAGE)
+            & ((rest & np.uint32(0xFFFFFF)) == channel << 8)
+            & (lengths >= 0)
+            & (lengths <= data.size - starts)
+            & (log_ns == times)
+        )
+        found = Places(log_ns.view(np.int64), starts, lengths)
+        return found if sound.all() else Places(*(part[sound] for part in found))
 
 
 def _block(whole: NDArray[np.uint8], group: list[_Opened]) -> Block:
@@ -191,76 +244,3 @@ def _block(whole: NDArray[np.uint8], group: list[_Opened]) -> Block:
         for key, several in found.items()
     }
     return Block(data, joined)
-
-
-def proven_places(layout: Layout, chunk: rec.Chunk, data: NDArray[np.uint8]) -> dict[int, Places]:
-    """
-    Find the messages of a chunk; without a CRC those that its index tells as they are.
-
-    What is left out is counted by the layout.
-
-    Raises
-    ------
-    ValueError
-        If it is no sequence of records, or compressed, with nothing that proves all of it.
-    """
-    index = layout.indexes.get(chunk.offset)
-    if chunk.crc or not index:
-        return walked_places(data.data)
-    whole = np.frombuffer(layout.view, np.uint8)
-    found, fits = _indexed_places(data, index, whole, index.keys())
-    if not fits:
-        _refuse_unproven(chunk)
-    told = sum(count for _, count in index.values())
-    layout.left_out[UNPROVEN] += told - sum(part.starts.size for part in found.values())
-    return found
-
-
-def _refuse_unproven(chunk: rec.Chunk) -> None:
-    """Refuse what damage in front of the expansion may have harmed anywhere: nothing shows it."""
-    if chunk.compression and not chunk.crc:
-        raise ValueError('its messages are not those of its index, and it has no CRC')
-
-
-def _indexed_places(
-    data: NDArray[np.uint8],
-    index: dict[int, IndexPlace],
-    whole: NDArray[np.uint8],
-    wanted: Collection[int],
-) -> tuple[dict[int, Places], bool]:
-    """Find messages of topics in a chunk by its indexes, and whether all are where these say."""
-    found, fits = {}, True
-    for channel in index.keys() & wanted:
-        offset, count = index[channel]
-        entries = whole[offset : offset + count * ENTRY_BYTES].view('<u8')
-        found[channel] = _checked_places(data, entries[1::2], entries[::2], channel)
-        fits &= found[channel].starts.size == count
-    return found, fits
-
-
-def _checked_places(
-    data: NDArray[np.uint8],
-    offsets: NDArray[np.uint64],
-    times: NDArray[np.uint64],
-    channel: int,
-) -> Places:
-    """Return the messages of a channel that are at these offsets and of these times."""
-    inside = offsets < max(0, data.size - rec.MESSAGE_PREFIX + 1)
-    if not inside.all():
-        offsets, times = offsets[inside], times[inside]
-    places = offsets.astype(np.int64)
-    # Opcode and the low bytes of the length; the rest of it, and the channel.
-    head = strided(data, '<u8', 0)[places]
-    rest = strided(data, '<u4', 8)[places]
-    lengths = (head >> np.uint64(8)).view(np.int64) - rec.MESSAGE_HEAD.size
-    starts = places + rec.MESSAGE_PREFIX
-    log_ns = strided(data, '<u8', 15)[places]
-    sound = (
-        ((head & np.uint64(0xFF)) == rec.MESSAGE)
-        & ((rest & np.uint32(0xFFFFFF)) == channel << 8)
-        & (lengths >= 0)
-        & (lengths <= data.size - starts)
-        & (log_ns == times)
-    )
-    found = Places(log_ns.view(np.int64), starts, lengths)
-    return found if sound.all() else Places(*(part[sound] for part in found))

@@ -31,8 +31,6 @@ IndexPlace: TypeAlias = tuple[int, int]
 INDEX_HEAD, ENTRY_BYTES = 15, 16
 #: Opcodes from here on are those of programs, not of MCAP.
 _PRIVATE = 0x80
-#: A kind of what cannot be read: no clock says so.
-IMPOSSIBLE = 'messages of an impossible time'
 
 
 class Layout:
@@ -60,8 +58,8 @@ class Layout:
         Messages by topic id, also of a topic that nothing describes.
     claimed : dict of int to int, or None
         The same by the statistics of the summary; None without such.
-    left_out : Counter of str
-        What cannot be read, by kind.
+    homeless : int
+        Messages of topics that nothing describes.
     problems : list of str
         Where the walk met damage, and why.
     no_summary : str
@@ -83,7 +81,7 @@ class Layout:
         self.beside: list[tuple[int, int]] = []
         self.counts: Counter[int] = Counter()
         self.claimed: dict[int, int] | None = None
-        self.left_out: Counter[str] = Counter()
+        self.homeless = 0
         self.problems: list[str] = []
         self.no_summary = ''
         self.lost_bytes, self.ended = 0, False
@@ -109,13 +107,12 @@ class Layout:
     @property
     def span_ns(self) -> tuple[int, int] | None:
         """First and last log time over chunks and loose messages, ns."""
-        # A chunk without a message says 0; a time that is none is passed over.
+        # A chunk without a message says 0.
         times = [
             time_ns
             for chunk in self.chunks
             if chunk.size and (chunk.first_ns or chunk.last_ns)
             for time_ns in (chunk.first_ns, chunk.last_ns)
-            if time_ns < rec.IMPOSSIBLE_NS
         ]
         for places in self.loose.values():
             if places.log_ns.size:
@@ -214,12 +211,9 @@ class Layout:
                     inside = walked_places(rec.expand_chunk(self.view, chunk), self._describe)
                     found = {key: places.log_ns.size for key, places in inside.items()}
             self.counts.update(found)
-        for key, places in _places(self._loose).items():
-            self.loose[key] = places.possible()
-            self.counts[key] += self.loose[key].log_ns.size
-            self.left_out[IMPOSSIBLE] += places.log_ns.size - self.loose[key].log_ns.size
-        unknown = (count for key, count in self.counts.items() if key not in self.channels)
-        self.left_out['messages of topics described nowhere'] += sum(unknown)
+        self.loose = _places(self._loose)
+        self.counts.update({key: places.log_ns.size for key, places in self.loose.items()})
+        self.homeless = sum(n for key, n in self.counts.items() if key not in self.channels)
 
 
 def walked_places(
