@@ -59,17 +59,17 @@ def run(arguments: argparse.Namespace) -> Found:
         live = ('--duration', '--namespace', '--directory')
         options.refuse_given(arguments, live, 'only for live topics, the recording is checked')
         rig, record, arrivals, damage = _recorded(arguments, rig)
-        findings = check_rig(record, arrivals, rig)
+        more = []
     else:
         heard = _listen(arguments, rig)
         record, arrivals, damage = _live(heard)
-        findings = [*_publishers(heard, rig), *check_rig(record, arrivals, rig)]
-        findings += [_disk(record, options.recordings_of(arguments))]
-        findings += [_alarm(arguments), _watchdog(rig)]
-    record = replace(record, channels=evened(record)[0])
-    findings += [*damage, *(units := _units(record)), *_stops(record)]
+        more = [*_publishers(heard, rig), _disk(record, options.recordings_of(arguments))]
+        more += [_alarm(arguments), _watchdog(rig)]
+    sound, stops = _without_stops(replace(record, channels=evened(record)[0]))
+    findings = [*check_rig(record, sound, arrivals, rig), *more, *damage]
+    findings += [*(units := _units(record)), *stops]
     if all(one.state != FAIL for one in units):  # else its numbers are none of a rig
-        findings += _filters(record, rig)
+        findings += _filters(sound, rig)
     failed = sum(finding.state == FAIL for finding in findings)
     document = {
         'source': str(arguments.bag) if arguments.bag else f'/{arguments.namespace or "rig"}',
@@ -163,14 +163,17 @@ def _units(record: Record) -> list[Finding]:
     return found
 
 
-def _stops(record: Record) -> list[Finding]:
-    """Return where a displacement sensor does not measure, by what `hunt identify` leaves out."""
-    texts = {name: without_stops(record[name])[1] for name in DISPLACEMENTS if name in record}
+def _without_stops(record: Record) -> tuple[Record, list[Finding]]:
+    """Return what `hunt identify` takes, and where a displacement sensor does not measure."""
+    found = {name: without_stops(record[name]) for name in DISPLACEMENTS if name in record}
+    channels = {**record, **{name: sound for name, (sound, _) in found.items()}}
     advice = (
         'hunt identify leaves this out, and the detector does not: look at range and cable of the'
         ' sensor, and at what reads it'
     )
-    return [Finding('range', name, WARN, text, advice) for name, text in texts.items() if text]
+    stops = ((name, text) for name, (_, text) in found.items() if text)
+    findings = [Finding('range', name, WARN, text, advice) for name, text in stops]
+    return replace(record, channels=channels), findings
 
 
 def _filters(record: Record, rig: Rig) -> list[Finding]:
