@@ -96,7 +96,7 @@ class Bag:
         self.notes.pop('problems', None)  # of the recording that this one was made of
         self.topics: dict[str, TopicSummary] = {}
         for file in self.files:
-            for topic in file.topics:
+            for topic in file.topics.values():
                 before = self.topics.get(topic.name)
                 count = file.counts.get(topic.id, 0) + (before.messages if before else 0)
                 self.topics[topic.name] = TopicSummary(topic.type, count)
@@ -251,7 +251,7 @@ class Bag:
             If a part of the recording that is asked for is damaged.
         """
         for file in self.files:
-            topics = {topic.id: topic for topic in file.topics if topic.name in names}
+            topics = {key: topic for key, topic in file.topics.items() if topic.name in names}
             if not topics:
                 continue
             for block in file.blocks(topics.keys(), damaged):

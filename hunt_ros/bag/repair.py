@@ -27,7 +27,6 @@ from hunt_ros.bag.cdr.layout import extent
 from hunt_ros.bag.cdr.message_types import Definitions, definition_text, definitions_of
 from hunt_ros.bag.mcap import records as rec
 from hunt_ros.bag.mcap.file import McapFile
-from hunt_ros.bag.mcap.layout import Layout
 from hunt_ros.bag.mcap.writer import McapWriter
 from hunt_ros.bag.reader import ACTIVE, Bag, folder_files
 from hunt_ros.bag.sqlite_file import SALVAGE_HINT
@@ -129,19 +128,19 @@ def _copy(
     file: McapFile, path: Path, report: Repair, span_ns: tuple[int, int] | None = None
 ) -> None:
     """Copy what is sound of an MCAP file; of its messages those of these log times."""
-    layout, name = file.layout, Path(file.path).name
+    name = Path(file.path).name
     left_out: Counter[str] = Counter()
-    report.lost_bytes += layout.lost_bytes
+    report.lost_bytes += file.lost_bytes
     with closing(McapWriter(path)) as writer:
-        writer.describe(*layout.schemas.values(), *layout.channels.values())
-        for offset, length in layout.beside:
+        writer.describe(*file.schemas.values(), *file.channels.values())
+        for offset, length in file.beside:
             record = bytes(file.view[offset : offset + length])
             # The metadata of rosbag2 holds counts of the whole recording, which no longer hold.
             if record[0] != Opcode.METADATA or (
                 rec.unpack(peer.Metadata, record[9:]).name != 'rosbag2'
             ):
                 writer.add_beside(record)
-        for chunk in layout.chunks:
+        for chunk in file.chunks:
             try:
                 left_out += copy_chunk(file, chunk, writer, span_ns)
             except ValueError as error:
@@ -149,13 +148,13 @@ def _copy(
                 report.lost_bytes += chunk.end - chunk.offset
                 text = f'{name}: bytes {chunk.offset} to {chunk.end}: a chunk: {error}'
                 report.problems.append(text)
-        loose = Block(np.frombuffer(file.view, np.uint8), layout.loose)
-        left_out += _copy_messages(loose, layout, writer, span_ns)
+        loose = Block(np.frombuffer(file.view, np.uint8), file.loose)
+        left_out += _copy_messages(file, loose, writer, span_ns)
         writer.finish()
-    if not layout.ended:
+    if not file.ended:
         report.problems.append(f'{name}: the end of the recording is missing')
     report.problems += [f'{name}: {n} {what} are left out' for what, n in left_out.items()]
-    missing = sum((layout.claimed or {}).values()) - writer.counts.total()
+    missing = sum((file.claimed or {}).values()) - writer.counts.total()
     if missing > left_out.total() + file.unproven:
         report.problems.append(f'{name}: {missing} messages of its summary are not there')
 
@@ -176,30 +175,30 @@ def copy_chunk(
     if not times:
         return Counter()
     first, last = min(first for first, _ in times), max(last for _, last in times)
-    block, layout = Block(data, found), file.layout
+    block = Block(data, found)
     if (
         chunk.crc
         and (first, last) == (chunk.first_ns, chunk.last_ns)
         and (span_ns is None or span_ns[0] <= first <= last <= span_ns[1])
-        and found.keys() <= layout.channels.keys()
-        and not packed_topics(block, layout.topics)
+        and found.keys() <= file.channels.keys()
+        and not packed_topics(block, file.topics)
     ):
         entries = {
             key: np.stack([part.log_ns, part.starts - rec.MESSAGE_PREFIX], axis=1).tobytes()
             for key, part in found.items()
         }
-        writer.add_chunk(bytes(layout.view[chunk.offset : chunk.end]), entries)
+        writer.add_chunk(bytes(file.view[chunk.offset : chunk.end]), entries)
         return Counter()
-    return _copy_messages(block, layout, writer, span_ns)
+    return _copy_messages(file, block, writer, span_ns)
 
 
 def _copy_messages(
-    block: Block, layout: Layout, writer: McapWriter, span_ns: tuple[int, int] | None
+    file: McapFile, block: Block, writer: McapWriter, span_ns: tuple[int, int] | None
 ) -> Counter[str]:
     """Copy those as their types say, in their order, what was compressed alone expanded."""
     left_out: Counter[str] = Counter()
-    packed = packed_topics(block, layout.topics)
-    types = {key: (_definitions(topic), topic.type) for key, topic in layout.topics.items()}
+    packed = packed_topics(block, file.topics)
+    types = {key: (_definitions(topic), topic.type) for key, topic in file.topics.items()}
     for start, length, log_ns, key in in_order(block.places):
         if key not in types:
             continue
@@ -243,7 +242,7 @@ def _describe(active: Path) -> Counter[str]:
     saved: Counter[str] = Counter()
     with Bag(active) as bag:
         for file in bag.files:
-            for topic in file.topics:
+            for topic in file.topics.values():
                 if count := file.counts.get(topic.id, 0):
                     saved[topic.name] += count
                     kind = topic.type_hash or definition_text(topic.type)[1]

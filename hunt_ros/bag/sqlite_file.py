@@ -65,7 +65,7 @@ class SqliteFile:
             # The topics are known: what can be read of the messages, the reading shows.
             self.problems.append(Problem('damaged_file', str(self._damage(error))))
 
-    def _read_topics(self) -> list[Topic]:
+    def _read_topics(self) -> dict[int, Topic]:
         ((page,),) = self._base.execute('PRAGMA page_size')
         if os.path.getsize(self.path) % page:  # SQLite takes what is missing of a page for zeros
             raise ValueError('its last page is cut')
@@ -77,13 +77,13 @@ class SqliteFile:
             query = 'SELECT topic_type, encoding, encoded_message_definition'
             for name, encoding, text in self._base.execute(f'{query} FROM message_definitions'):
                 texts[str(name)] = (str(encoding), str(text))
-        topics = []
+        topics = {}
         columns = {row[1] for row in self._base.execute('PRAGMA table_info(topics)')}
         qos = 'offered_qos_profiles' if 'offered_qos_profiles' in columns else "''"
         query = f'SELECT id, name, type, serialization_format, {qos} FROM topics'
         for key, name, kind, encoding, offered in self._base.execute(query):
             about = (*texts.get(str(kind), ('', '')), str(offered))
-            topics.append(Topic(int(key), str(name), str(kind), str(encoding), *about))
+            topics[int(key)] = Topic(int(key), str(name), str(kind), str(encoding), *about)
         return topics
 
     def _count(self) -> None:
@@ -95,7 +95,7 @@ class SqliteFile:
                 lost['messages without a time, or of no bytes'] += count
                 continue
             self.counts[int(key)] = int(count)
-            if int(key) not in {topic.id for topic in self.topics}:
+            if int(key) not in self.topics:
                 lost['messages of topics described nowhere'] += count
         self.problems += [Problem('damaged_file', f'{n} {what}') for what, n in lost.items()]
 

@@ -381,7 +381,7 @@ def test_one_message_with_an_impossible_time_closes_no_channel(tmp_path, options
 def test_a_chunk_that_claims_two_gigabytes_is_damaged_once(tmp_path) -> None:
     file = recorded(tmp_path / 'a.mcap', 900, speed=True, chunk_size=20_000)
     with Bag(file) as bag:
-        chunks = [chunk.offset for chunk in bag.files[0].layout.chunks]
+        chunks = [chunk.offset for chunk in bag.files[0].chunks]
     data = bytearray(file.read_bytes())
     struct.pack_into('<Q', data, chunks[1] + 1, 1 << 31)
     file.write_bytes(data)
