@@ -87,22 +87,24 @@ def set_back(columns: Mapping[str, Series]) -> str:
     )
 
 
-def apart(columns: Mapping[str, tuple[NDArray[np.int64], NDArray[np.int64]]]) -> str:
+def apart(columns: Mapping[str, Series], logged: Mapping[str, NDArray[np.int64]]) -> str:
     """
     Say which channels are stamped by another clock than most: far from theirs, or drifting.
 
     Parameters
     ----------
-    columns : mapping of str to (ndarray of int64, ndarray of int64)
-        When the messages of each channel were logged, and their stamps, ns.
+    columns : mapping of str to Series
+        By their stamps.
+    logged : mapping of str to ndarray of int64
+        When the messages of each were logged, ns.
     """
     off_s: dict[str, Any] = {}
     others: tuple[NDArray[np.int64], NDArray[np.float64]] | None = None
-    for name, (log_ns, stamps_ns) in columns.items():
-        some = np.linspace(0, log_ns.size - 1, _LOOKED_AT).astype(np.int64)
-        if log_ns.size < _FEWEST_STAMPS or (np.diff(log_ns[some]) < 0).any():
+    for name, one in columns.items():
+        some = np.linspace(0, len(one) - 1, _LOOKED_AT).astype(np.int64)
+        if len(one) < _FEWEST_STAMPS or (np.diff(logged[name][some]) < 0).any():
             continue
-        log_ns, stamps = log_ns[some], stamps_ns[some].astype(np.float64)
+        log_ns, stamps = logged[name][some], one.stamps_ns[some].astype(np.float64)
         others = others or (log_ns, stamps)
         both = (log_ns >= others[0][0]) & (log_ns <= others[0][-1])
         if np.count_nonzero(both) >= _FEWEST_STAMPS:

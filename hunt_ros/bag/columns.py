@@ -68,23 +68,24 @@ def read_columns(
     """
     sources = channel_map(channels, allowed=None)
     with opened(bag) as recording:
-        columns = _Reader(recording, sources, stamps).columns()
+        columns, logged = _Reader(recording, sources).columns()
+        if stamps == 'log':
+            columns = {name: Series(logged[name], one.values) for name, one in columns.items()}
         return with_constants(columns, sources, str(recording.path))
 
 
 class _Reader:
     """Gathers fields of a recording."""
 
-    def __init__(self, bag: Bag, sources: Mapping[str, ChannelSource], stamps: Stamps) -> None:
+    def __init__(self, bag: Bag, sources: Mapping[str, ChannelSource]) -> None:
         self.bag = bag
         self.sources = {name: one for name, one in sources.items() if one.constant is None}
         self.topics = {
             name: find_topic(bag, one.topic, name) for name, one in self.sources.items()
         }
-        self.stamps = stamps
 
-    def columns(self) -> dict[str, Series]:
-        """Return the columns, scaled."""
+    def columns(self) -> tuple[dict[str, Series], dict[str, NDArray[np.int64]]]:
+        """Return the columns, scaled, and when their messages were logged."""
         found = self._read()
         # Joints of several publishers on one topic: the one that is named as the channel is meant.
         shared = {
@@ -94,7 +95,7 @@ class _Reader:
         }
         if shared:
             found = self._read(shared)
-        columns, times = {}, {}
+        columns, logged = {}, {}
         for name, source in self.sources.items():
             parts = found.pop(name)
             others = {joint for part in parts for joint in part.others}
@@ -102,7 +103,7 @@ class _Reader:
             field, wanted = joint_of(source.field) or ('position', name)
             empty = sum(part.empty for part in parts)
             unread = sum(part.unread for part in parts)
-            log_ns, series = _series(parts, self.stamps, source)
+            log_ns, series = _series(parts, source)
             del parts  # as numbers they need as much room again
             where = f'topic {self.topics[name]}'
             if (others or why) and not len(series):
@@ -122,10 +123,10 @@ class _Reader:
                 if count:
                     text = f'{where}: {count} messages {what}, and are passed over'
                     self.bag.note('damaged_message', text)
-            columns[name], times[name] = series, (log_ns, series.stamps_ns)
-        if told := clocks.set_back(columns) or clocks.apart(times):
+            columns[name], logged[name] = series, log_ns
+        if told := clocks.set_back(columns) or clocks.apart(columns, logged):
             self.bag.note('clock_jump', told)
-        return columns
+        return columns, logged
 
     def _read(self, shared: Collection[str] = ()) -> dict[str, list[Gathered]]:
         """Read once; the names in `shared` are those that `_wanted` looks for alone."""
@@ -165,19 +166,15 @@ class _Reader:
         return Wanted(definitions, topic.type, parse_path(joint[0]), stamp, joint[1], alone)
 
 
-def _series(
-    parts: Sequence[Gathered], kind: Stamps, source: ChannelSource
-) -> tuple[NDArray[np.int64], Series]:
+def _series(parts: Sequence[Gathered], source: ChannelSource) -> tuple[NDArray[np.int64], Series]:
     """Return what was found in blocks, scaled, in the order of log time, and these times."""
     if not parts:
         return np.zeros(0, np.int64), Series(np.zeros(0, np.int64), np.zeros(0))
     log_ns = np.concatenate([part.log_ns for part in parts])
     values = np.concatenate([part.values for part in parts])
-    stamps = log_ns
-    if kind == 'header':
-        stamps = np.concatenate([part.stamps_ns for part in parts])
-        if not stamps.all():  # a header that nobody filled: the log time stands in
-            stamps = np.where(stamps == 0, log_ns, stamps)
+    stamps = np.concatenate([part.stamps_ns for part in parts])
+    if not stamps.all():  # a header that nobody filled: the log time stands in
+        stamps = np.where(stamps == 0, log_ns, stamps)
     if (log_ns[1:] < log_ns[:-1]).any():
         lost = ~clocks.possible(log_ns)  # in the place of the one before
         log_ns = log_ns[np.maximum.accumulate(np.where(lost, lost.argmin(), np.arange(lost.size)))]

@@ -174,31 +174,22 @@ def _read_times(
 def _in_time(name: str, stamps: NDArray[np.int64], start: int, end: int) -> list[Problem]:
     """Look for jumps of the clock, gaps, and an end before the end of the recording."""
     steps = np.diff(stamps)
-
-    def problem(kind: str, at_ns: int, text: str) -> Problem:
-        """Return what is wrong at a stamp, in seconds from the start."""
-        return Problem(kind, f'{name}: {text}', (at_ns - start) / NANOSECONDS)
-
-    problems = [
-        problem(
-            'clock_jump', int(stamps[row]),
-            f'the clock jumps back by {-int(steps[row]) / NANOSECONDS:.3f} s',
-        )
+    told = [
+        ('clock_jump', row, f'the clock jumps back by {-int(steps[row]) / NANOSECONDS:.3f} s')
         for row in np.flatnonzero(steps < 0)[:10].tolist()
-    ]  # fmt: skip
-    if stamps.size < STEADY_COUNT:
-        return problems
-    step = float(np.median(steps))
+    ]
+    step = float(np.median(steps)) if stamps.size >= STEADY_COUNT else 0.0
     # A topic that comes in bursts or by chance has no gaps.
-    chance = not step > 0 or float(np.percentile(steps, 90)) >= 3.0 * step
-    if chance or bursts_of(stamps) is not None:
-        return problems
-    longest = max(GAP_STEPS * step, GAP_S * NANOSECONDS)
-    for row in np.flatnonzero(steps > longest)[:10].tolist():
-        text = f'nothing for {int(steps[row]) / NANOSECONDS:.3f} s'
-        problems.append(problem('gap', int(stamps[row]), text))
-    last = int(stamps.max())
-    if end - last > max(longest, STOPPED_S * NANOSECONDS):
-        text = f'stops {(end - last) / NANOSECONDS:.3f} s before the end'
-        problems.append(problem('stopped', last, text))
-    return problems
+    steady = step > 0.0 and float(np.percentile(steps, 90)) < 3.0 * step
+    if steady and bursts_of(stamps) is None:
+        longest = max(GAP_STEPS * step, GAP_S * NANOSECONDS)
+        for row in np.flatnonzero(steps > longest)[:10].tolist():
+            told.append(('gap', row, f'nothing for {int(steps[row]) / NANOSECONDS:.3f} s'))
+        left = end - int(stamps.max())
+        if left > max(longest, STOPPED_S * NANOSECONDS):
+            text = f'stops {left / NANOSECONDS:.3f} s before the end'
+            told.append(('stopped', int(stamps.argmax()), text))
+    return [
+        Problem(kind, f'{name}: {text}', (int(stamps[row]) - start) / NANOSECONDS)
+        for kind, row, text in told
+    ]
