@@ -12,8 +12,9 @@ has no such bound: for one message of 98 kB it asks for 3 GiB.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import lz4.frame
@@ -43,6 +44,39 @@ class Problem:
 
     def __str__(self) -> str:
         return self.text
+
+
+class Stored:
+    """
+    A recording, or a file of one: what is wrong with it, and whether that ends its reading.
+
+    Attributes
+    ----------
+    path : Path
+    tolerant : bool
+        What is damaged is noted and passed over; else it ends the reading.
+    """
+
+    tolerant = False
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._found: list[Problem] = []
+
+    @property
+    def problems(self) -> list[Problem]:
+        """What is wrong with it, as far as opening and reading it have shown; each once."""
+        return list(dict.fromkeys(self._found))
+
+    def note(self, kind: str, text: str) -> None:
+        """Keep what is wrong with it."""
+        self._found.append(Problem(kind, text))
+
+    def fail(self, text: str, cause: Exception) -> None:
+        """Note a part that is damaged; raise BagError unless it is passed over."""
+        if not self.tolerant:
+            raise BagError(f'{self.path}: {text}') from cause
+        self.note('damaged_chunk', text)
 
 
 class Topic(NamedTuple):
@@ -141,12 +175,7 @@ def packed_topics(block: Block, topics: Mapping[int, Topic]) -> set[int]:
     }
 
 
-def expand_messages(
-    block: Block,
-    topics: Mapping[int, Topic],
-    path: str,
-    damaged: Callable[[BagError], None] | None = None,
-) -> Block:
+def expand_messages(block: Block, topics: Mapping[int, Topic], file: Stored) -> Block:
     """
     Expand messages that were compressed one by one (rosbag2 compression mode MESSAGE).
 
@@ -156,10 +185,8 @@ def expand_messages(
         As the file holds it.
     topics : mapping of int to Topic
         What the ids in the block mean.
-    path : str
-        Of the file, for messages.
-    damaged : callable, optional
-        Told of each message that cannot be expanded, which is then passed over.
+    file : Stored
+        Where it is noted that a message cannot be expanded.
 
     Raises
     ------
@@ -177,10 +204,7 @@ def expand_messages(
         try:
             raw = expand_zstd(raw, budget, machine) if topic in packed else raw
         except ValueError as error:
-            failed = BagError(f'{path}: a message at {stamp} ns: {error}')
-            if damaged is None:
-                raise failed from error
-            damaged(failed)
+            file.fail(f'a message at {stamp} ns: {error}', error)
             continue
         budget -= len(raw)
         rows.append((topic, stamp, raw))

@@ -87,19 +87,19 @@ def inspect(
     BagError
         If it cannot be opened at all.
     """
-    with Bag(path) as bag:
-        times, damage = _read_times(bag, advance)
+    with Bag(path, tolerant=True) as bag:
+        times = _read_times(bag, advance)
         record, found = _measured(bag)
         span = span_of([*times.values()])
         start, end = span or (0, 0)
         report = Inspection(
             bag.path,
-            sum(Path(file.path).stat().st_size for file in bag.files),
-            [Path(file.path).name for file in bag.files],
+            sum(file.path.stat().st_size for file in bag.files),
+            [file.path.name for file in bag.files],
             start if span else None,
             (end - start) / NANOSECONDS,
             bag.notes,
-            problems=bag.problems + damage,
+            problems=bag.problems,
         )
         # The channels of a rig are judged by the stamps that every command reads them by.
         read = {find_topic(bag, name, name): name for name in record}
@@ -137,7 +137,7 @@ def _measured(bag: Bag) -> tuple[Record, list[Problem]]:
     except MessageError as error:
         return Record({}), [Problem('damaged_message', str(error))]
     except BagError:
-        return Record({}), []  # not those of a rig, or damaged, which is said already
+        return Record({}), []  # not those of a rig
     found = [Problem('damaged_message', text) for text in possible_readings(record)[1]]
     for name, series in record.items():
         if not len(series.finite()):
@@ -150,25 +150,17 @@ def _measured(bag: Bag) -> tuple[Record, list[Problem]]:
     return record, found
 
 
-def _read_times(
-    bag: Bag, advance: Callable[[float], None]
-) -> tuple[dict[str, NDArray[np.int64]], list[Problem]]:
-    """Return the log times of every topic in the order of the files, and what is damaged."""
+def _read_times(bag: Bag, advance: Callable[[float], None]) -> dict[str, NDArray[np.int64]]:
+    """Return the log times of every topic in the order of the files."""
     parts: dict[str, list[NDArray[np.int64]]] = {}
-    problems: list[Problem] = []
     total = max(1, sum(topic.messages for topic in bag.topics.values()))
     done = 0
-
-    def found(error: BagError) -> None:
-        """Note a damaged chunk."""
-        problems.append(Problem('damaged_chunk', str(error)))
-
-    for topics, block in bag.blocks(bag.topics.keys(), damaged=found):
+    for topics, block in bag.blocks(bag.topics.keys()):
         for topic, places in by_topic(topics, block.places):
             parts.setdefault(topic.name, []).append(places.log_ns)
             done += places.log_ns.size
         advance(min(1.0, done / total))
-    return {name: np.concatenate(several) for name, several in parts.items()}, problems
+    return {name: np.concatenate(several) for name, several in parts.items()}
 
 
 def _in_time(name: str, stamps: NDArray[np.int64], start: int, end: int) -> list[Problem]:

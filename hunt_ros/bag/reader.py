@@ -12,8 +12,8 @@ from __future__ import annotations
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Collection, Iterator
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from collections.abc import Collection, Iterator
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import yaml
 import zstandard
 
-from hunt_ros.bag.blocks import Block, Problem, Topic, expand_messages
+from hunt_ros.bag.blocks import Block, Problem, Stored, Topic, expand_messages
 from hunt_ros.bag.clocks import LONGEST_NS, span_of
 from hunt_ros.bag.mcap.file import McapFile
 from hunt_ros.bag.sqlite_file import SqliteFile
@@ -49,7 +49,7 @@ class TopicSummary(NamedTuple):
     messages: int
 
 
-class Bag:
+class Bag(Stored):
     """
     A recording opened for reading; a context manager.
 
@@ -58,6 +58,8 @@ class Bag:
     path : str or Path
         Folder or file. A recording that is not closed yet is found under its final
         name as well.
+    tolerant : bool
+        Pass over what is damaged, and note it.
 
     Attributes
     ----------
@@ -78,11 +80,11 @@ class Bag:
         If there is nothing there, or it is no recording.
     """
 
-    def __init__(self, path: str | Path) -> None:
-        self.path = existing(Path(path))
+    def __init__(self, path: str | Path, tolerant: bool = False) -> None:
+        super().__init__(existing(Path(path)))
+        self.tolerant = tolerant
         self.files: list[McapFile | SqliteFile] = []
         self.left_out: list[str] = []
-        self._problems: list[Problem] = []
         self.metadata: dict[str, Any] = {}
         self._stack = ExitStack()
         try:
@@ -144,7 +146,7 @@ class Bag:
             opened = STORAGES[kind](expanded)
         except BagError as error:
             raise BagError(str(error).replace(str(expanded), str(name))) from error
-        opened.path = str(name)
+        opened.path = name
         return opened
 
     def _listed(self) -> list[Path]:
@@ -187,16 +189,11 @@ class Bag:
             raise BagError(f'{self.path}: {name.name} is named in metadata.yaml and missing')
         return found
 
-    def note(self, kind: str, text: str) -> None:
-        """Keep what is wrong with it; said again it is kept once."""
-        if (problem := Problem(kind, text)) not in self._problems:
-            self._problems.append(problem)
-
     @property
     def problems(self) -> list[Problem]:
         """What is wrong with it, and with each of its files."""
-        return self._problems + [
-            replace(problem, text=f'{Path(file.path).name}: {problem.text}')
+        return super().problems + [
+            replace(problem, text=f'{file.path.name}: {problem.text}')
             for file in self.files
             for problem in file.problems
         ]
@@ -207,8 +204,10 @@ class Bag:
         ends = [end for file in self.files for end in file.span_ns or ()]
         span = (min(ends), max(ends)) if ends else None
         if span and span[1] - span[0] > LONGEST_NS:  # all of them tell a clock from damage
-            blocks = self.blocks(self.topics, lambda error: None)
-            parts = [part.log_ns for _, block in blocks for part in block.places.values()]
+            parts = []
+            with suppress(BagError):  # what is damaged its reading says
+                for _, block in self.blocks(self.topics):
+                    parts += [part.log_ns for part in block.places.values()]
             span = span_of(parts) or span
         return span
 
@@ -225,9 +224,7 @@ class Bag:
                     found |= strings
         return found
 
-    def blocks(
-        self, names: Collection[str], damaged: Callable[[BagError], None] | None = None
-    ) -> Iterator[tuple[dict[int, Topic], Block]]:
+    def blocks(self, names: Collection[str]) -> Iterator[tuple[dict[int, Topic], Block]]:
         """
         Yield the messages of topics.
 
@@ -235,9 +232,6 @@ class Bag:
         ----------
         names : collection of str
             Full names.
-        damaged : callable, optional
-            Told of each damaged part, which is then passed over; without it the first
-            one ends the reading with its error.
 
         Yields
         ------
@@ -248,14 +242,15 @@ class Bag:
         Raises
         ------
         BagError
-            If a part of the recording that is asked for is damaged.
+            If a part of the recording that is asked for is damaged, and it is not `tolerant`.
         """
         for file in self.files:
             topics = {key: topic for key, topic in file.topics.items() if topic.name in names}
             if not topics:
                 continue
-            for block in file.blocks(topics.keys(), damaged):
-                yield topics, expand_messages(block, topics, file.path, damaged)
+            file.tolerant = self.tolerant
+            for block in file.blocks(topics.keys()):
+                yield topics, expand_messages(block, topics, file)
 
     def close(self) -> None:
         """Let go of the files."""

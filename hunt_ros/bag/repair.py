@@ -106,7 +106,7 @@ def repair(path: str | Path, out: str | Path) -> Repair:
                     copy = active / f'{target.name}_{number}.mcap'
                     _copy(file, copy, report, bag.span_ns)
                 else:
-                    report.left_out.append(Path(file.path).name)
+                    report.left_out.append(file.path.name)
                     text = f'{file.path}: is SQLite, expected MCAP ({SALVAGE_HINT})'
                     report.problems.append(text)
             report.problems[:0] = map(str, bag.problems)
@@ -128,7 +128,7 @@ def _copy(
     file: McapFile, path: Path, report: Repair, span_ns: tuple[int, int] | None = None
 ) -> None:
     """Copy what is sound of an MCAP file; of its messages those of these log times."""
-    name = Path(file.path).name
+    name = file.path.name
     left_out: Counter[str] = Counter()
     report.lost_bytes += file.lost_bytes
     with closing(McapWriter(path)) as writer:
@@ -249,7 +249,7 @@ def _describe(active: Path) -> Counter[str]:
                     topics[topic.name] = topic._replace(qos=offered_qos(topic.qos), type_hash=kind)
             first_ns, last_ns = file.span_ns or (None, 0)
             count = sum(file.counts.values())
-            files.append(FileEntry(Path(file.path).name, first_ns, last_ns, count))
+            files.append(FileEntry(file.path.name, first_ns, last_ns, count))
         rows = [(topic, saved[name]) for name, topic in topics.items()]
         text = folder_metadata(rows, files, bag.notes)
     (active / 'metadata.yaml').write_text(text, encoding='utf-8')

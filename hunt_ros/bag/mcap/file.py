@@ -25,7 +25,7 @@ from mcap import records as peer
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from hunt_ros.bag.blocks import Block, Places, Problem, Topic, strided
+from hunt_ros.bag.blocks import Block, Places, Problem, Stored, Topic, strided
 from hunt_ros.bag.mcap import records as rec
 from hunt_ros.bag.mcap.records import Chunk
 from hunt_ros.errors import BagError
@@ -47,7 +47,7 @@ INDEX_HEAD, ENTRY_BYTES = 15, 16
 _PRIVATE = 0x80
 
 
-class McapFile:
+class McapFile(Stored):
     """
     An MCAP file opened for reading.
 
@@ -92,7 +92,7 @@ class McapFile:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.path = str(path)
+        super().__init__(path)
         try:
             with open(path, 'rb') as file:
                 self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
@@ -113,7 +113,6 @@ class McapFile:
         self.counts: Counter[int] = Counter()
         self.claimed: dict[int, int] | None = None
         self.lost_bytes, self.ended = 0, False
-        self._found: list[Problem] = []
         #: Chunks whose index does not fit, with how many messages are lost: there is no CRC.
         self._misfits: dict[int, int] = {}
         try:
@@ -126,7 +125,7 @@ class McapFile:
     @property
     def problems(self) -> list[Problem]:
         """What is wrong with the file, as far as opening and reading it have shown."""
-        found = list(self._found)
+        found = super().problems
         if walked := sum(not count for count in self._misfits.values()):
             text = f'the message index of {counted(walked, "chunk")} does not fit: walked through'
             found.append(Problem('bad_index', text))
@@ -169,7 +168,8 @@ class McapFile:
                 self._describe(opcode, payload)
         except ValueError as error:
             closed = self.view[-len(rec.MAGIC) :] == rec.MAGIC
-            self._note(f'no usable summary: {error}', 'damaged_file' if closed else 'not_closed')
+            kind = 'damaged_file' if closed else 'not_closed'
+            self.note(kind, f'no usable summary: {error}')
         return sorted(found)
 
     def _walk(self, chunks: list[int]) -> None:
@@ -177,7 +177,7 @@ class McapFile:
         position, end = len(rec.MAGIC), len(self.view)
         loose: dict[int, array[int]] = {}
         if self.view[:position] != rec.MAGIC:
-            self._note(f'bytes 0 to {position}: no magic bytes')
+            self.note('damaged_file', f'bytes 0 to {position}: no magic bytes')
             self.lost_bytes += position
         while position < end and not self.ended:
             try:
@@ -196,16 +196,13 @@ class McapFile:
             except ValueError as error:
                 following = bisect_right(chunks, position)
                 after = chunks[following] if following < len(chunks) else end
-                self._note(f'bytes {position} to {after}: {error}')
+                self.note('damaged_file', f'bytes {position} to {after}: {error}')
                 self.lost_bytes += after - position
                 position = after
                 self._distrust()
         if not self.ended:  # the indexes of the last chunk may have been cut away in part
             self._distrust()
         self.loose = _places(loose)
-
-    def _note(self, text: str, kind: str = 'damaged_file') -> None:
-        self._found.append(Problem(kind, text))
 
     def _distrust(self) -> None:
         if self.chunks:
@@ -267,9 +264,9 @@ class McapFile:
             )  # fmt: skip
         if not self._found and self.claimed not in (None, +self.counts):
             there, told = self.counts.total(), sum((self.claimed or {}).values())
-            self._note(f'{there} messages are in it, {told} by its summary')
+            self.note('damaged_file', f'{there} messages are in it, {told} by its summary')
         if homeless := sum(n for key, n in self.counts.items() if key not in self.channels):
-            self._note(f'{homeless} messages of topics described nowhere')
+            self.note('damaged_file', f'{homeless} messages of topics described nowhere')
 
     def close(self) -> None:
         """Let go of the file; blocks still held keep the map open until they are gone."""
@@ -278,13 +275,9 @@ class McapFile:
             self.view.release()
             self._map.close()
 
-    def blocks(
-        self, wanted: Collection[int], damaged: Callable[[BagError], None] | None = None
-    ) -> Iterator[Block]:
+    def blocks(self, wanted: Collection[int]) -> Iterator[Block]:
         """
         Yield the messages of these topics.
-
-        `damaged` is told of each damaged chunk, which is passed over.
 
         Raises
         ------
@@ -301,11 +294,7 @@ class McapFile:
             try:
                 opened = (chunk, *self.opened(chunk, topics))
             except ValueError as error:
-                where = f'{self.path}: chunk at byte {chunk.offset}'
-                failed = BagError(f'{where}: {error}{REPAIR}')
-                if damaged is None:
-                    raise failed from error
-                damaged(failed)
+                self.fail(f'chunk at byte {chunk.offset}: {error}{REPAIR}', error)
                 continue
             if group and size + chunk.size > BLOCK_BYTES:
                 yield _block(whole, group)
