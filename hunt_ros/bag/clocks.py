@@ -50,24 +50,18 @@ def span_of(parts: Sequence[NDArray[np.int64]]) -> tuple[int, int] | None:
     return (int(times.min()), int(times.max())) if times.size else None
 
 
-def going_on(columns: Mapping[str, NDArray[np.int64]]) -> dict[str, NDArray[np.int64]]:
+def going_on(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     """
-    Return times, in the order of their writing, that go on where the clock of all was set back.
+    Return times, in the order of their writing, that go on where their clock was set back.
 
     A clock is set once; a writer that shuffles goes back all the time.
     """
-    times = {name: column.copy() for name, column in columns.items()}
-    clocks = {}
-    for name, column in columns.items():
-        back = np.diff(column, prepend=column[:1]) < -SET_BACK_NS
-        clocks[name] = np.cumsum(back & (100 * np.count_nonzero(back) < back.size))
-    settings = max((int(clock.max(initial=0)) for clock in clocks.values()), default=0)
-    for number in range(1, settings + 1):
-        before = np.concatenate([times[name][clocks[name] < number] for name in times])
-        begins = np.concatenate([times[name][clocks[name] == number] for name in times])
-        for name in times:
-            times[name][clocks[name] >= number] += before.max() - begins.min()
-    return times
+    steps = np.diff(times_ns, prepend=times_ns[:1])
+    back = steps < -SET_BACK_NS
+    if not back.any() or 100 * np.count_nonzero(back) >= back.size:
+        return times_ns
+    on: NDArray[np.int64] = times_ns - np.cumsum(np.where(back, steps - int(np.median(steps)), 0))
+    return on
 
 
 def set_back(columns: Mapping[str, Series]) -> str:

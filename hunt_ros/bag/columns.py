@@ -178,7 +178,7 @@ def _series(parts: Sequence[Gathered], source: ChannelSource) -> tuple[NDArray[n
     if (log_ns[1:] < log_ns[:-1]).any():
         lost = ~clocks.possible(log_ns)  # in the place of the one before
         log_ns = log_ns[np.maximum.accumulate(np.where(lost, lost.argmin(), np.arange(lost.size)))]
-        order = np.argsort(clocks.going_on({'': log_ns})[''], kind='stable')
+        order = np.argsort(clocks.going_on(log_ns), kind='stable')
         log_ns, stamps, values = log_ns[order], stamps[order], values[order]
     if source.scale != 1.0:
         values *= source.scale

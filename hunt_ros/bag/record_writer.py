@@ -99,22 +99,20 @@ def messages_of(
         for name, (kind, _) in CHANNEL_FIELDS.items()
         if name in record
     }
-    times = going_on({name: record[name].stamps_ns for name in keys})
-    each = (_messages(keys[name], name, record[name], own) for name, own in times.items())
+    each = (_messages(key, name, record[name]) for name, key in keys.items())
     return merge(*each, key=itemgetter(1))
 
 
-def _messages(
-    key: int, channel: str, series: Series, times_ns: NDArray[np.int64]
-) -> Iterator[tuple[int, int, bytes]]:
-    order = np.argsort(times_ns, kind='stable')
+def _messages(key: int, channel: str, series: Series) -> Iterator[tuple[int, int, bytes]]:
+    times = going_on(series.stamps_ns)
+    order = np.argsort(times, kind='stable')
     # As messages a series is ten times as large: some at a time.
     for begin in range(0, len(series), _ROWS):
         rows = order[begin : begin + _ROWS]
         part = Series(series.stamps_ns[rows], series.values[rows])
         yield from zip(
             repeat(key),
-            times_ns[rows].tolist(),
+            times[rows].tolist(),
             map(bytes, serialise(channel, part)),
             strict=False,
         )

@@ -101,10 +101,11 @@ def repair(path: str | Path, out: str | Path) -> Repair:
         with Bag(path) as bag:
             active.mkdir(parents=True)
             report.left_out += bag.left_out
+            span_ns = bag.span_ns
             for number, file in enumerate(bag.files):
                 if isinstance(file, McapFile):
                     copy = active / f'{target.name}_{number}.mcap'
-                    _copy(file, copy, report, bag.span_ns)
+                    _copy(file, copy, report, span_ns)
                 else:
                     report.left_out.append(file.path.name)
                     text = f'{file.path}: is SQLite, expected MCAP ({SALVAGE_HINT})'

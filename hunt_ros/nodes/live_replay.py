@@ -69,8 +69,7 @@ class LiveReplayNode(SuiteNode):
         record = read_record(config.bag, [ChannelSource.parse(word) for word in config.channels])
         for told in filter(None, map(record.notes.get, ('bursts', 'problems'))):
             self.get_logger().warning(told)
-        times = going_on({name: one.stamps_ns for name, one in record.items()})
-        record = Record({name: Series(own, record[name].values) for name, own in times.items()})
+        record = Record({n: Series(going_on(x.stamps_ns), x.values) for n, x in record.items()})
         if not set(DISPLACEMENTS) & set(record):
             raise BagError(f'{config.bag}: neither {" nor ".join(DISPLACEMENTS)} in it')
         self._began_ns, self._length_s = record.start_ns, record.duration_s
