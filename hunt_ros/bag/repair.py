@@ -98,7 +98,7 @@ def repair(path: str | Path, out: str | Path) -> Repair:
             raise BagError(f'{name}: exists already, expected a name for the repaired recording')
     report = Repair(target)
     try:
-        with Bag(path) as bag:
+        with Bag(path, tolerant=True) as bag:
             active.mkdir(parents=True)
             report.left_out += bag.left_out
             span_ns = bag.span_ns

@@ -481,6 +481,22 @@ def test_a_damaged_log_time_does_not_make_the_recording_longer(tmp_path, stored,
         assert problems(tmp_path / 'saved') == []
 
 
+def test_damage_beside_an_impossible_time_costs_no_more_than_itself(tmp_path) -> None:
+    file = tmp_path / 'a.mcap'
+    with Peer(file, chunk_size=2000) as peer:
+        key = peer.channel('/rig/lateral')
+        for row, raw in enumerate(joint_states(200)):
+            log = 5 if row == 150 else BEGIN_NS + row * 10_000_000
+            peer.writer.add_message(key, log, raw, 0)
+    with Bag(file) as bag:
+        chunk = bag.files[0].chunks[1]
+        (_, count) = bag.files[0].indexes[chunk.offset][key]
+    data = bytearray(file.read_bytes())
+    data[chunk.data + chunk.stored // 2] ^= 0x10
+    file.write_bytes(data)
+    assert repair(file, tmp_path / 'saved').messages == 200 - 1 - count
+
+
 def _of_two_clocks(path: Path, stamps: np.ndarray, others: np.ndarray, log: np.ndarray) -> Path:
     with Peer(path) as peer:
         for name in ('lateral', 'yaw', 'roller', 'speed'):
