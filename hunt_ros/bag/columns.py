@@ -6,6 +6,7 @@ Stamps and values of any numeric field as arrays, and the record of a rig.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
@@ -33,6 +34,8 @@ Stamps = Literal['header', 'log']
 _FASTEST = 50.0
 #: How much later than it was stamped a message may be recorded, ns.
 _LATE_NS = 3600 * NANOSECONDS
+#: So many reasons are told why messages of a topic are passed over.
+_TOLD = 3
 #: Spacing of the samples that stand for a constant channel, ns.
 CONSTANT_STEP_NS = NANOSECONDS // 100
 
@@ -99,30 +102,23 @@ class _Reader:
         for name, source in self.sources.items():
             parts = found.pop(name)
             others = {joint for part in parts for joint in part.others}
-            why = next((part.why for part in parts if part.why), '')
-            field, wanted = joint_of(source.field) or ('position', name)
-            empty = sum(part.empty for part in parts)
-            unread = sum(part.unread for part in parts)
+            passed = sum((part.passed for part in parts), Counter[str]())
             log_ns, series = _series(parts, source)
             del parts  # as numbers they need as much room again
             where = f'topic {self.topics[name]}'
-            if (others or why) and not len(series):
-                what = why or f'there is no joint {wanted!r}, it has {", ".join(sorted(others))}'
-                if empty:
-                    what = f'no message holds a {field} of joint {wanted!r}'
+            if (others or passed) and not len(series):
+                _, wanted = joint_of(source.field) or ('position', name)
+                what = f'there is no joint {wanted!r}, it has {", ".join(sorted(others))}'
+                what = f'its messages {max(passed, key=passed.__getitem__)}' if passed else what
                 raise MessageError(f'{self.bag.path}: {where}: {what}')
             possible = clocks.possible(series.stamps_ns)
             if not possible.all():
                 log_ns = log_ns[possible]
                 series = Series(series.stamps_ns[possible], series.values[possible])
-            for count, what in (
-                (empty, f'hold no {field}'),
-                (unread, f'cannot be read ({why})'),
-                (int(np.count_nonzero(~possible)), 'are of an impossible time'),
-            ):
-                if count:
-                    text = f'{where}: {count} messages {what}, and are passed over'
-                    self.bag.note('damaged_message', text)
+            passed['are of an impossible time'] += int(np.count_nonzero(~possible))
+            for what, count in (+passed).most_common(_TOLD):
+                text = f'{where}: {count} messages {what}, and are passed over'
+                self.bag.note('damaged_message', text)
             columns[name], logged[name] = series, log_ns
         if told := clocks.set_back(columns) or clocks.apart(columns, logged):
             self.bag.note('clock_jump', told)

@@ -346,7 +346,7 @@ def test_messages_of_velocities_alone_are_passed_over_and_told(tmp_path, field) 
     told = read_record(tmp_path / 'a.mcap', {'lateral': f'/mixed{field}'})
     np.testing.assert_array_equal(told['lateral'].values, np.arange(60.0))
     assert 'topic /mixed: 60 messages hold no position' in told.notes['problems']
-    with pytest.raises(BagError, match="/speeds: no message holds a position of joint 'lateral'"):
+    with pytest.raises(BagError, match="/speeds: its messages hold no position of 'lateral'"):
         read_columns(tmp_path / 'a.mcap', {'lateral': f'/speeds{field}'})
 
 
