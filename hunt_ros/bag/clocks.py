@@ -9,7 +9,6 @@ it runs, or not be set at all. Reading, inspection, repair, import and export as
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +21,8 @@ from hunt_ros.samples import CLOCK_RESET_NS, NANOSECONDS, Series, counted, diffe
 LONGEST_NS = 30 * 86_400 * NANOSECONDS
 #: A time so much before the one before is that of a clock that was set, ns.
 SET_BACK_NS = NANOSECONDS // 10
-#: Of so many stamps of a channel it is told whether its clock is that of the others: a tenth of
-#: fewer than the second is the hiccup of a start.
+#: At so many times it is looked whether the clock of a channel is that of the others: a tenth of
+#: fewer stamps than the second is the hiccup of a start.
 _LOOKED_AT, _FEWEST_STAMPS = 1000, 100
 #: So many samples of one stamp are no mistake of a sender: nothing can be told of their motion.
 _FEWEST_TIMES = 10
@@ -92,26 +91,26 @@ def apart(columns: Mapping[str, Series], logged: Mapping[str, NDArray[np.int64]]
     logged : mapping of str to ndarray of int64
         When the messages of each were logged, ns.
     """
-    off_s: dict[str, Any] = {}
-    others: tuple[NDArray[np.int64], NDArray[np.float64]] | None = None
-    for name, one in columns.items():
-        some = np.linspace(0, len(one) - 1, _LOOKED_AT).astype(np.int64)
-        if len(one) < _FEWEST_STAMPS or (np.diff(logged[name][some]) < 0).any():
-            continue
-        log_ns, stamps = logged[name][some], one.stamps_ns[some].astype(np.float64)
-        others = others or (log_ns, stamps)
-        both = (log_ns >= others[0][0]) & (log_ns <= others[0][-1])
-        if np.count_nonzero(both) >= _FEWEST_STAMPS:
-            off = (stamps[both] - np.interp(log_ns[both], *others)) / NANOSECONDS
-            # Of a replay that runs faster a delay on the way is so much more by its stamps.
-            off /= max(1.0, np.median(np.diff(stamps)) / max(1.0, np.median(np.diff(log_ns))))
-            off_s[name] = np.array([np.median(end) for end in np.array_split(off, 10)[::9]])
-    usual = np.sort([*off_s.values()], axis=0)[len(off_s) // 2] if off_s else 0.0
+    logs = {
+        name: log_ns
+        for name, log_ns in logged.items()
+        if log_ns.size >= _FEWEST_STAMPS and (np.diff(log_ns) >= 0).all()
+    }
+    begin = max((int(log_ns[0]) for log_ns in logs.values()), default=0)
+    end = min((int(log_ns[-1]) for log_ns in logs.values()), default=0)
+    if end - begin < SET_BACK_NS:
+        return ''
+    at = np.linspace(begin, end, _LOOKED_AT)
+    stamps = np.array([np.interp(at, logs[name], columns[name].stamps_ns) for name in logs])
+    usual = np.sort(stamps, axis=0)[len(logs) // 2]
+    # Of a replay that runs faster a delay on the way is so much more by its stamps.
+    off_s = (stamps - usual) / NANOSECONDS / max(1.0, float(np.ptp(usual)) / (end - begin))
+    ends = np.median(np.array_split(off_s, 10, axis=1)[::9], axis=2)
     told = [
-        f'{name} is off by {begin:.3f} s at the beginning and {end:.3f} s at the end'
-        for name, (begin, end) in ((name, one - usual) for name, one in off_s.items())
-        if max(abs(begin), abs(end)) > CLOCK_RESET_NS / NANOSECONDS
-        or abs(end - begin) > SET_BACK_NS / NANOSECONDS
+        f'{name} is off by {first:.3f} s at the beginning and {last:.3f} s at the end'
+        for name, first, last in zip(logs, *ends, strict=True)
+        if max(abs(first), abs(last)) > CLOCK_RESET_NS / NANOSECONDS
+        or abs(last - first) > SET_BACK_NS / NANOSECONDS
     ]
     return f'not all channels are stamped by one clock: {", ".join(told)}' if told else ''
 
