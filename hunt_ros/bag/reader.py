@@ -157,8 +157,8 @@ class Bag(Stored):
             if description.exists():
                 self.metadata = read_metadata(description)
                 named = [self._place(Path(name)) for name in self.metadata['relative_file_paths']]
-                more = [file for file in present if file not in named]
-                more = [file for file in more if {_stem(file)} == {*map(_stem, named)}]
+                stems, known = {*map(_stem, named)}, {*map(_base, named)}
+                more = [f for f in present if {_stem(f)} == stems and _base(f) not in known]
                 for file in more:  # its recorder died after it had begun another file
                     self.note('not_closed', f'{file.name} is not named in metadata.yaml')
                 return named + more
@@ -308,6 +308,11 @@ def _expand(name: Path, target: Path) -> str:
 def _stem(file: Path) -> str:
     """Return what the names of the files of one recording share."""
     return re.sub(r'[-_]?\d+\.\w+(\.zstd)?$', '', file.name)
+
+
+def _base(file: Path) -> str:
+    """Return the name of a file whatever it is stored in."""
+    return Path(file.name.removesuffix('.zstd')).stem
 
 
 def _natural(name: Path) -> list[tuple[int, str]]:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+import zstandard
 from bags_made import BEGIN_NS, Peer, assert_same, write_rosbags
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
@@ -234,6 +235,15 @@ def test_a_database_in_a_folder_that_nobody_may_write_to_is_read(tmp_path, monke
     file.write_bytes(file.read_bytes()[:6000])
     with pytest.raises(BagError, match='-wal file in a folder that may be written: copy both'):
         Bag(file)
+
+
+def test_a_file_that_was_expanded_beside_itself_is_read_once(tmp_path) -> None:
+    record = counted(50)
+    mode = CompressionMode.FILE
+    file = write_rosbags(tmp_path / 'peer', record, 8, StoragePlugin.SQLITE3, mode)
+    with open(file, 'rb') as packed, open(file.with_suffix(''), 'wb') as out:
+        zstandard.ZstdDecompressor().copy_stream(packed, out)
+    assert_same(read_record(tmp_path / 'peer'), record)
 
 
 def test_a_file_that_was_compressed_whole_and_cut_is_named_itself(tmp_path) -> None:
