@@ -90,17 +90,12 @@ class _Reader:
     def columns(self) -> tuple[dict[str, Series], dict[str, NDArray[np.int64]]]:
         """Return the columns, scaled, and when their messages were logged."""
         found = self._read()
-        # Joints of several publishers on one topic: the one that is named as the channel is meant.
-        shared = {
-            name
-            for name, parts in found.items()
-            if len({joint for part in parts for joint in part.joints}) > 1
-        }
-        if shared:
-            found = self._read(shared)
         columns, logged = {}, {}
         for name, source in self.sources.items():
             parts = found.pop(name)
+            # Of several publishers on one topic the joint named as the channel is meant.
+            if len({joint for part in parts for joint in part.joints}) > 1:
+                parts = [part.of_name() for part in parts]
             others = {joint for part in parts for joint in part.others}
             passed = sum((part.passed for part in parts), Counter[str]())
             log_ns, series = _series(parts, source)
@@ -124,8 +119,8 @@ class _Reader:
             self.bag.note('clock_jump', told)
         return columns, logged
 
-    def _read(self, shared: Collection[str] = ()) -> dict[str, list[Gathered]]:
-        """Read once; the names in `shared` are those that `_wanted` looks for alone."""
+    def _read(self) -> dict[str, list[Gathered]]:
+        """Gather the fields, block by block."""
         found: dict[str, list[Gathered]] = {name: [] for name in self.topics}
         plans: dict[tuple[str, str, str, str], Wanted] = {}
         for described, block in self.bag.blocks(set(self.topics.values())):
@@ -135,19 +130,15 @@ class _Reader:
                         continue
                     plan = name, topic.type, topic.definition_encoding, topic.definition
                     if plan not in plans:
-                        plans[plan] = self._wanted(topic, name, name not in shared)
+                        plans[plan] = self._wanted(topic, name)
                     try:
                         found[name].append(gather(block, places, plans[plan]))
                     except PathError as error:
                         raise BagError(f'{self.bag.path}: topic {topic.name}: {error}') from error
         return found
 
-    def _wanted(self, topic: Topic, name: str, alone: bool) -> Wanted:
-        """
-        Find the field that a source means in messages of a topic.
-
-        `alone`: where no field is named, the only joint of a message is taken, whatever its name.
-        """
+    def _wanted(self, topic: Topic, name: str) -> Wanted:
+        """Find the field that a source means in messages of a topic."""
         source = self.sources[name]
         definitions = definitions_of(topic, str(self.bag.path))
         text = source.field or usual_field(definitions, topic.type)
@@ -158,7 +149,8 @@ class _Reader:
                 return Wanted(definitions, topic.type, parse_path(text), stamp)
             except ValueError as error:
                 raise BagError(f'{self.bag.path}: topic {topic.name}: {error}') from error
-        alone = alone and not source.field
+        # Where no field is named the only joint of a message is taken, whatever its name.
+        alone = not source.field
         return Wanted(definitions, topic.type, parse_path(joint[0]), stamp, joint[1], alone)
 
 

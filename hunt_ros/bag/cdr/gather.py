@@ -47,16 +47,24 @@ class Gathered(NamedTuple):
     """
     Log times, header stamps (ns) and values, shape (n,), in the order of the places.
 
-    `joints` are the names of those taken, `others` those in messages of other joints; `passed`
-    counts the messages that have no number where one is expected, by what is wrong with them.
+    `named` tells which of them have the name that is wanted, `joints` are the names of all that
+    were taken, `others` those in messages of other joints; `passed` counts the messages that have
+    no number where one is expected, by what is wrong with them.
     """
 
     log_ns: NDArray[np.int64]
     stamps_ns: NDArray[np.int64]
     values: NDArray[np.float64]
+    named: NDArray[np.bool_]
     joints: set[str]
     others: set[str]
     passed: Counter[str]
+
+    def of_name(self) -> Gathered:
+        """Return those of the name that is wanted alone."""
+        log_ns, stamps = self.log_ns[self.named], self.stamps_ns[self.named]
+        values, others = self.values[self.named], self.others | self.joints
+        return self._replace(log_ns=log_ns, stamps_ns=stamps, values=values, others=others)
 
 
 def gather(block: Block, places: Places, wanted: Wanted) -> Gathered:
@@ -78,13 +86,14 @@ def gather(block: Block, places: Places, wanted: Wanted) -> Gathered:
         If the field is no number, whatever the message.
     """
     stamps, values = places.log_ns.copy(), np.empty(places.starts.size)
-    kept = np.ones(places.starts.size, dtype=bool)
+    kept, named = np.ones((2, places.starts.size), dtype=bool)
     joints: set[str] = set()
     others: set[str] = set()
     passed: Counter[str] = Counter()
     for rows, layout in _layouts(block, places, wanted):
         if layout.field is not None:
             joints.add(layout.joint)
+            named[rows] = layout.joint == wanted.joint
             _take(block.data, places.starts[rows], layout, rows, stamps, values)
             continue
         kept[rows] = False
@@ -94,8 +103,8 @@ def gather(block: Block, places: Places, wanted: Wanted) -> Gathered:
             others.add(layout.joint)
     log_ns = places.log_ns
     if not kept.all():
-        log_ns, stamps, values = log_ns[kept], stamps[kept], values[kept]
-    return Gathered(log_ns, stamps, values, joints, others, passed)
+        log_ns, stamps, values, named = log_ns[kept], stamps[kept], values[kept], named[kept]
+    return Gathered(log_ns, stamps, values, named, joints, others, passed)
 
 
 def _layouts(block: Block, places: Places, wanted: Wanted) -> Iterator[tuple[_Rows, _Layout]]:
