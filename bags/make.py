@@ -16,13 +16,14 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
 
 from hunt_ros.bag import BagWriter, write_record
 from hunt_ros.bag.cdr.message_types import standard_types
-from hunt_ros.bag.mcap.layout import Layout
+from hunt_ros.bag.mcap.file import McapFile
 from hunt_ros.bag.mcap.writer import McapWriter
 from hunt_ros.bag.messages import STRING
 from hunt_ros.bag.record_writer import messages_of
@@ -141,7 +142,8 @@ def write_damaged() -> None:
     with short, tempfile.TemporaryDirectory() as scratch:
         folder = write_record(Path(scratch) / 'run', kick_escapes())
         data = bytearray((folder / 'run_0.mcap').read_bytes())
-    chunks = Layout(memoryview(bytes(data))).chunks
+        with closing(McapFile(folder / 'run_0.mcap')) as file:
+            chunks = file.chunks
     bad = chunks[len(chunks) // 5]
     data[bad.data + bad.stored // 2] ^= 0xFF
     cut = chunks[-1].offset + chunks[-1].stored // 2

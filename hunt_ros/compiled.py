@@ -416,32 +416,24 @@ def _source(function: FunctionType) -> str:
         name = f'{one.__module__}.{one.__qualname__}'
         if name in seen:
             continue
-        lines = [name]
-        for code in _codes(one.__code__):
-            consts = [c for c in code.co_consts if not isinstance(c, CodeType)]
-            lines.append(f'{code.co_code.hex()} {code.co_names} {consts}')
-            for used in code.co_names:
-                value = one.__globals__.get(used)
-                value = getattr(value, 'py_func', value)
-                if isinstance(value, FunctionType):
-                    if value.__module__.partition('.')[0] not in ('numba', 'numpy'):
-                        waiting.append(value)
-                elif isinstance(value, ModuleType):
-                    if value.__name__.startswith(_NAME):
-                        lines.append(Path(str(value.__file__)).read_text(encoding='utf-8'))
-                elif isinstance(value, np.ndarray):
-                    lines.append(f'{used} {value.dtype} {value.shape} {value.tobytes().hex()}')
-                elif isinstance(value, type):
-                    lines.append(f'{used} {getattr(value, "_fields", value.__name__)}')
-                elif value is not None:
-                    lines.append(f'{used} {value!r}')
+        code = one.__code__
+        if any(isinstance(const, CodeType) for const in code.co_consts):
+            raise TypeError(f'{name}: a function within a kernel, expected none')
+        lines = [name, f'{code.co_code.hex()} {code.co_names} {list(code.co_consts)}']
+        for used in code.co_names:
+            value = one.__globals__.get(used)
+            value = getattr(value, 'py_func', value)
+            if isinstance(value, FunctionType):
+                if value.__module__.partition('.')[0] not in ('numba', 'numpy'):
+                    waiting.append(value)
+            elif isinstance(value, ModuleType):
+                if value.__name__.startswith(_NAME):
+                    lines.append(Path(str(value.__file__)).read_text(encoding='utf-8'))
+            elif isinstance(value, np.ndarray):
+                lines.append(f'{used} {value.dtype} {value.shape} {value.tobytes().hex()}')
+            elif isinstance(value, type):
+                lines.append(f'{used} {getattr(value, "_fields", value.__name__)}')
+            elif value is not None:
+                lines.append(f'{used} {value!r}')
         seen[name] = '\n'.join(lines)
     return '\n'.join(seen[name] for name in sorted(seen))
-
-
-def _codes(code: CodeType) -> Iterator[CodeType]:
-    """Yield the code of a function and of those within it."""
-    yield code
-    for inner in code.co_consts:
-        if isinstance(inner, CodeType):
-            yield from _codes(inner)

@@ -92,7 +92,7 @@ class Finding:
 
 
 def check_rig(
-    record: Record, arrivals: Mapping[str, NDArray[np.int64]], rig: Rig
+    record: Record, sound: Record, arrivals: Mapping[str, NDArray[np.int64]], rig: Rig
 ) -> list[Finding]:
     """
     Look at every channel of a rig.
@@ -101,6 +101,8 @@ def check_rig(
     ----------
     record : Record
         Some seconds of it.
+    sound : Record
+        The same without the readings that are none: by it the noise is told.
     arrivals : mapping of str to ndarray of int64, shape (n,)
         When the samples of a channel came, ns; a channel that is absent is not compared.
     rig : Rig
@@ -119,7 +121,7 @@ def check_rig(
         found += _times(channel, series, rig)
         if channel in arrivals:
             found.append(_clock(channel, series, arrivals[channel]))
-        found += _readings(channel, series, rig)
+        found += _readings(channel, series, sound[channel], rig)
     found += check_roller(replace(record, channels=evened(record)[0]), rig)
     return found
 
@@ -208,7 +210,7 @@ def _clock(channel: str, series: Series, arrivals: NDArray[np.int64]) -> Finding
     return judged('clock', channel, apart, text, advice, offset, 's', state)
 
 
-def _readings(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
+def _readings(channel: str, series: Series, sound: Series, rig: Rig) -> Iterator[Finding]:
     """Noise, resolution, range, by the values."""
     values = series.values[np.isfinite(series.values)]
     lost = len(series) - values.size
@@ -227,7 +229,7 @@ def _readings(channel: str, series: Series, rig: Rig) -> Iterator[Finding]:
         advice = 'the sensor is stuck or not connected: move it, and look again'
         yield judged('noise', channel, channel in MOTION, text, advice, 0.0, unit)
         return
-    noise = _noise(values)
+    noise = _noise(sound.finite().values)
     if channel in MOTION:
         most = _NOISE_SHARE * rig.flange_clearance_m if channel == 'lateral' else 0.0
         text = f'white noise of {_small(noise, unit)} (standard deviation)'

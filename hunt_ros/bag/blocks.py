@@ -12,8 +12,9 @@ has no such bound: for one message of 98 kB it asks for 3 GiB.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import lz4.frame
@@ -22,14 +23,60 @@ import zstandard
 from numpy.typing import NDArray
 
 from hunt_ros.errors import BagError
-from hunt_ros.samples import NANOSECONDS
 
 #: No chunk and no message may be larger than this when expanded (bytes).
 LARGEST_CHUNK = 1 << 30
-#: No recording lasts longer, ns: 30 days.
-LONGEST_NS = 30 * 86_400 * NANOSECONDS
-#: A time so much before the one before is that of a clock that was set, ns.
-SET_BACK_NS = NANOSECONDS // 10
+
+
+@dataclass(frozen=True)
+class Problem:
+    """
+    One thing that is wrong with a recording.
+
+    `kind` is one of: not_closed, damaged_file, damaged_chunk, damaged_message, bad_index,
+    gap, stopped, clock_jump, missing_channel, wrong_unit, bursts. `time_s` counts from the
+    recording's first stamp, or is None where the problem has no place in time.
+    """
+
+    kind: str
+    text: str
+    time_s: float | None = None
+
+    def __str__(self) -> str:
+        return self.text
+
+
+class Stored:
+    """
+    A recording, or a file of one: what is wrong with it, and whether that ends its reading.
+
+    Attributes
+    ----------
+    path : Path
+    tolerant : bool
+        What is damaged is noted and passed over; else it ends the reading.
+    """
+
+    tolerant = False
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._found: list[Problem] = []
+
+    @property
+    def problems(self) -> list[Problem]:
+        """What is wrong with it, as far as opening and reading it have shown; each once."""
+        return list(dict.fromkeys(self._found))
+
+    def note(self, kind: str, text: str) -> None:
+        """Keep what is wrong with it."""
+        self._found.append(Problem(kind, text))
+
+    def fail(self, text: str, cause: Exception) -> None:
+        """Note a part that is damaged; raise BagError unless it is passed over."""
+        if not self.tolerant:
+            raise BagError(f'{self.path}: {text}') from cause
+        self.note('damaged_chunk', text)
 
 
 class Topic(NamedTuple):
@@ -58,11 +105,6 @@ class Places(NamedTuple):
     starts: NDArray[np.int64]
     lengths: NDArray[np.int64]
 
-    def possible(self) -> Places:
-        """Return those whose log time is one: from 2^63 ns on (negative here) it is not."""
-        sound = self.log_ns >= 0
-        return self if sound.all() else Places(*(part[sound] for part in self))
-
 
 @dataclass(frozen=True, eq=False)
 class Block:
@@ -79,38 +121,6 @@ class Block:
 
     data: NDArray[np.uint8]
     places: dict[int, Places]
-
-
-def possible_times(times_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """
-    Return False for times that damage has made: further from the others than a recording lasts.
-
-    They are one of a few, or one in a hundred at most: where there are more a clock was set.
-    """
-    possible = np.ones(times_ns.size, dtype=bool)
-    if times_ns.size and int(times_ns.max()) - int(times_ns.min()) > LONGEST_NS:
-        middle = int(np.median(times_ns))
-        near = (times_ns >= middle - LONGEST_NS) & (times_ns <= middle + LONGEST_NS)
-        if 100 * np.count_nonzero(~near) <= max(100, times_ns.size):
-            possible = near
-    return possible
-
-
-def span_of(parts: Sequence[NDArray[np.int64]]) -> tuple[int, int] | None:
-    """Return the first and the last of the times, ns, that are possible; None without any."""
-    times = np.concatenate([np.zeros(0, np.int64), *parts])
-    times = times[possible_times(times)]
-    return (int(times.min()), int(times.max())) if times.size else None
-
-
-def clocks_of(times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """
-    Return how often the clock had been set back at each time, in the order of their writing.
-
-    A clock is set once; a writer that shuffles goes back all the time.
-    """
-    back = np.diff(times_ns, prepend=times_ns[:1]) < -SET_BACK_NS
-    return np.cumsum(back & (100 * np.count_nonzero(back) < back.size))
 
 
 def pack_messages(rows: Sequence[tuple[int, int, bytes]]) -> Block:
@@ -165,12 +175,7 @@ def packed_topics(block: Block, topics: Mapping[int, Topic]) -> set[int]:
     }
 
 
-def expand_messages(
-    block: Block,
-    topics: Mapping[int, Topic],
-    path: str,
-    damaged: Callable[[BagError], None] | None = None,
-) -> Block:
+def expand_messages(block: Block, topics: Mapping[int, Topic], file: Stored) -> Block:
     """
     Expand messages that were compressed one by one (rosbag2 compression mode MESSAGE).
 
@@ -180,10 +185,8 @@ def expand_messages(
         As the file holds it.
     topics : mapping of int to Topic
         What the ids in the block mean.
-    path : str
-        Of the file, for messages.
-    damaged : callable, optional
-        Told of each message that cannot be expanded, which is then passed over.
+    file : Stored
+        Where it is noted that a message cannot be expanded.
 
     Raises
     ------
@@ -201,10 +204,7 @@ def expand_messages(
         try:
             raw = expand_zstd(raw, budget, machine) if topic in packed else raw
         except ValueError as error:
-            failed = BagError(f'{path}: a message at {stamp} ns: {error}')
-            if damaged is None:
-                raise failed from error
-            damaged(failed)
+            file.fail(f'a message at {stamp} ns: {error}', error)
             continue
         budget -= len(raw)
         rows.append((topic, stamp, raw))
@@ -217,8 +217,8 @@ def strided(data: NDArray[np.uint8], kind: str, offset: int) -> NDArray[Any]:
 
     Indexing it with an array of positions gathers one field of many messages at once.
     """
-    step = np.dtype(kind).itemsize
-    count = max(0, data.size - offset - step + 1)
+    count = max(0, data.size - offset - np.dtype(kind).itemsize + 1)
+    offset = min(offset, data.size)  # no number is there, nor a place
     view: NDArray[Any] = np.ndarray((count,), dtype=kind, buffer=data, offset=offset, strides=(1,))
     return view
 

@@ -100,17 +100,16 @@ class Clip:
 
     def _copy(self, file: McapFile, writer: McapWriter) -> None:
         """Copy the chunks of a file that reach into the clip."""
-        layout = file.layout
         chunks = [
             chunk
-            for chunk in layout.chunks
+            for chunk in file.chunks
             if chunk.first_ns <= self.last_ns and self.first_ns <= chunk.last_ns
         ]
         if chunks:  # the files of one recorder number their topics alike
-            writer.describe(*layout.schemas.values(), *layout.channels.values())
+            writer.describe(*file.schemas.values(), *file.channels.values())
         for chunk in chunks:
             with suppress(ValueError):  # damaged
-                copy_chunk(layout, chunk, writer)
+                copy_chunk(file, chunk, writer)
 
 
 class Clips:

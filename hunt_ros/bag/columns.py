@@ -6,30 +6,24 @@ Stamps and values of any numeric field as arrays, and the record of a rig.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.blocks import LONGEST_NS, SET_BACK_NS, Topic, by_topic, clocks_of, possible_times
+from hunt_ros.bag import clocks
+from hunt_ros.bag.blocks import Topic, by_topic
 from hunt_ros.bag.cdr.gather import Gathered, Wanted, gather
 from hunt_ros.bag.cdr.layout import PathError, joint_of, parse_path, stamp_path, usual_field
 from hunt_ros.bag.cdr.message_types import definitions_of
 from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
 from hunt_ros.bag.reader import Bag, opened
-from hunt_ros.bursts import bursts_of, evened
+from hunt_ros.bursts import evened
 from hunt_ros.errors import BagError, MessageError
-from hunt_ros.samples import (
-    CHANNELS,
-    CLOCK_RESET_NS,
-    NANOSECONDS,
-    Record,
-    Series,
-    counted,
-    different,
-)
+from hunt_ros.samples import CHANNELS, NANOSECONDS, Record, Series
 from hunt_ros.sensors import JOINT_STATE
 
 #: Which stamp a column has: that in the message's header (log time where it has none
@@ -40,13 +34,10 @@ Stamps = Literal['header', 'log']
 _FASTEST = 50.0
 #: How much later than it was stamped a message may be recorded, ns.
 _LATE_NS = 3600 * NANOSECONDS
+#: So many reasons are told why messages of a topic are passed over.
+_TOLD = 3
 #: Spacing of the samples that stand for a constant channel, ns.
 CONSTANT_STEP_NS = NANOSECONDS // 100
-#: Of so many stamps of a channel it is told whether its clock is that of the others: a tenth of
-#: fewer than the second is the hiccup of a start.
-_LOOKED_AT, _FEWEST_STAMPS = 1000, 100
-#: So many samples of one stamp are no mistake of a sender: nothing can be told of their motion.
-_FEWEST_TIMES = 10
 
 
 def read_columns(
@@ -80,71 +71,56 @@ def read_columns(
     """
     sources = channel_map(channels, allowed=None)
     with opened(bag) as recording:
-        columns = _Reader(recording, sources, stamps).columns()
+        columns, logged = _Reader(recording, sources).columns()
+        if stamps == 'log':
+            columns = {name: Series(logged[name], one.values) for name, one in columns.items()}
         return with_constants(columns, sources, str(recording.path))
 
 
 class _Reader:
     """Gathers fields of a recording."""
 
-    def __init__(self, bag: Bag, sources: Mapping[str, ChannelSource], stamps: Stamps) -> None:
+    def __init__(self, bag: Bag, sources: Mapping[str, ChannelSource]) -> None:
         self.bag = bag
         self.sources = {name: one for name, one in sources.items() if one.constant is None}
         self.topics = {
             name: find_topic(bag, one.topic, name) for name, one in self.sources.items()
         }
-        self.stamps = stamps
 
-    def columns(self) -> dict[str, Series]:
-        """Return the columns, scaled."""
+    def columns(self) -> tuple[dict[str, Series], dict[str, NDArray[np.int64]]]:
+        """Return the columns, scaled, and when their messages were logged."""
         found = self._read()
-        # Joints of several publishers on one topic: the one that is named as the channel is meant.
-        shared = {
-            name
-            for name, parts in found.items()
-            if len({joint for part in parts for joint in part.joints}) > 1
-        }
-        if shared:
-            found = self._read(shared)
-        columns, clocks = {}, {}
+        columns, logged = {}, {}
         for name, source in self.sources.items():
             parts = found.pop(name)
+            # Of several publishers on one topic the joint named as the channel is meant.
+            if len({joint for part in parts for joint in part.joints}) > 1:
+                parts = [part.of_name() for part in parts]
             others = {joint for part in parts for joint in part.others}
-            why = next((part.why for part in parts if part.why), '')
-            field, wanted = joint_of(source.field) or ('position', name)
-            empty = sum(part.empty for part in parts)
-            unread = sum(part.unread for part in parts)
-            log_ns, series = _series(parts, self.stamps, source)
+            passed = sum((part.passed for part in parts), Counter[str]())
+            log_ns, series = _series(parts, source)
             del parts  # as numbers they need as much room again
             where = f'topic {self.topics[name]}'
-            if (others or why) and not len(series):
-                what = why or f'there is no joint {wanted!r}, it has {", ".join(sorted(others))}'
-                if empty:
-                    what = f'no message holds a {field} of joint {wanted!r}'
+            if (others or passed) and not len(series):
+                _, wanted = joint_of(source.field) or ('position', name)
+                what = f'there is no joint {wanted!r}, it has {", ".join(sorted(others))}'
+                what = f'its messages {max(passed, key=passed.__getitem__)}' if passed else what
                 raise MessageError(f'{self.bag.path}: {where}: {what}')
-            possible = possible_times(series.stamps_ns)
+            possible = clocks.possible(series.stamps_ns)
             if not possible.all():
                 log_ns = log_ns[possible]
                 series = Series(series.stamps_ns[possible], series.values[possible])
-            passed = {
-                f'hold no {field}': empty,
-                f'cannot be read ({why})': unread,
-                'are of an impossible time': int(np.count_nonzero(~possible)),
-            }
-            self.bag.remarks += [
-                f'{where}: {count} messages {what}, and are passed over'
-                for what, count in passed.items()
-                if count
-            ]
-            columns[name] = series
-            some = np.linspace(0, log_ns.size - 1, _LOOKED_AT).astype(np.int64)
-            if log_ns.size >= _FEWEST_STAMPS and (np.diff(log_ns[some]) >= 0).all():
-                clocks[name] = Series(log_ns[some], series.stamps_ns[some].astype(np.float64))
-        self.bag.remarks += [one for one in [_set_back(columns) or _apart(clocks)] if one]
-        return columns
+            passed['are of an impossible time'] += int(np.count_nonzero(~possible))
+            for what, count in (+passed).most_common(_TOLD):
+                text = f'{where}: {count} messages {what}, and are passed over'
+                self.bag.note('damaged_message', text)
+            columns[name], logged[name] = series, log_ns
+        if told := clocks.set_back(columns) or clocks.apart(columns, logged):
+            self.bag.note('clock_jump', told)
+        return columns, logged
 
-    def _read(self, shared: Collection[str] = ()) -> dict[str, list[Gathered]]:
-        """Read once; the names in `shared` are those that `_wanted` looks for alone."""
+    def _read(self) -> dict[str, list[Gathered]]:
+        """Gather the fields, block by block."""
         found: dict[str, list[Gathered]] = {name: [] for name in self.topics}
         plans: dict[tuple[str, str, str, str], Wanted] = {}
         for described, block in self.bag.blocks(set(self.topics.values())):
@@ -154,19 +130,15 @@ class _Reader:
                         continue
                     plan = name, topic.type, topic.definition_encoding, topic.definition
                     if plan not in plans:
-                        plans[plan] = self._wanted(topic, name, name not in shared)
+                        plans[plan] = self._wanted(topic, name)
                     try:
                         found[name].append(gather(block, places, plans[plan]))
                     except PathError as error:
                         raise BagError(f'{self.bag.path}: topic {topic.name}: {error}') from error
         return found
 
-    def _wanted(self, topic: Topic, name: str, alone: bool) -> Wanted:
-        """
-        Find the field that a source means in messages of a topic.
-
-        `alone`: where no field is named, the only joint of a message is taken, whatever its name.
-        """
+    def _wanted(self, topic: Topic, name: str) -> Wanted:
+        """Find the field that a source means in messages of a topic."""
         source = self.sources[name]
         definitions = definitions_of(topic, str(self.bag.path))
         text = source.field or usual_field(definitions, topic.type)
@@ -177,73 +149,30 @@ class _Reader:
                 return Wanted(definitions, topic.type, parse_path(text), stamp)
             except ValueError as error:
                 raise BagError(f'{self.bag.path}: topic {topic.name}: {error}') from error
-        alone = alone and not source.field
+        # Where no field is named the only joint of a message is taken, whatever its name.
+        alone = not source.field
         return Wanted(definitions, topic.type, parse_path(joint[0]), stamp, joint[1], alone)
 
 
-def _series(
-    parts: Sequence[Gathered], kind: Stamps, source: ChannelSource
-) -> tuple[NDArray[np.int64], Series]:
+def _series(parts: Sequence[Gathered], source: ChannelSource) -> tuple[NDArray[np.int64], Series]:
     """Return what was found in blocks, scaled, in the order of log time, and these times."""
     if not parts:
         return np.zeros(0, np.int64), Series(np.zeros(0, np.int64), np.zeros(0))
     log_ns = np.concatenate([part.log_ns for part in parts])
     values = np.concatenate([part.values for part in parts])
-    stamps = log_ns
-    if kind == 'header':
-        stamps = np.concatenate([part.stamps_ns for part in parts])
-        if not stamps.all():  # a header that nobody filled: the log time stands in
-            stamps = np.where(stamps == 0, log_ns, stamps)
+    stamps = np.concatenate([part.stamps_ns for part in parts])
+    if not stamps.all():  # a header that nobody filled: the log time stands in
+        stamps = np.where(stamps == 0, log_ns, stamps)
     if (log_ns[1:] < log_ns[:-1]).any():
-        lost = ~possible_times(log_ns)  # in the place of the one before
+        lost = ~clocks.possible(log_ns)  # in the place of the one before
         log_ns = log_ns[np.maximum.accumulate(np.where(lost, lost.argmin(), np.arange(lost.size)))]
-        order = np.lexsort((log_ns, clocks_of(log_ns)))
+        order = np.argsort(clocks.going_on(log_ns), kind='stable')
         log_ns, stamps, values = log_ns[order], stamps[order], values[order]
     if source.scale != 1.0:
         values *= source.scale
     if source.offset:
         values += source.offset
     return log_ns, Series(stamps, values)
-
-
-def _set_back(columns: Mapping[str, Series]) -> str:
-    """Say which clocks were set back, and how many samples that concerns; '' where none was."""
-    steps = {name: np.diff(one.stamps_ns).min(initial=0) for name, one in columns.items()}
-    names = [name for name, step in steps.items() if step < -SET_BACK_NS]
-    if not names:
-        return ''
-    every = [columns[name].stamps_ns for name in names]
-    count = sum(np.count_nonzero(one < np.maximum.accumulate(one)) for one in every)
-    return (
-        f'a clock was set back by {-min(steps.values()) / NANOSECONDS:.3f} s: {count} samples of'
-        f' {", ".join(names)} are stamped before earlier ones, and kept'
-    )
-
-
-def _apart(clocks: Mapping[str, Series]) -> str:
-    """
-    Say which channels are stamped by another clock than most: far from theirs, or drifting.
-
-    `clocks` are some stamps of each channel, as the values of a series, at their log times.
-    """
-    off_s: dict[str, Any] = {}
-    for name, one in clocks.items():
-        first = next(iter(clocks.values()))
-        both = one.between(int(first.stamps_ns[0]), int(first.stamps_ns[-1]) + 1)
-        if len(both) >= _FEWEST_STAMPS:
-            off = both.values - np.interp(both.stamps_ns, first.stamps_ns, first.values)
-            ends = np.array_split(off / NANOSECONDS, 10)[::9]
-            # Of a replay that runs faster a delay on the way is so much more by its stamps.
-            pace = np.median(np.diff(one.values)) / max(1.0, np.median(np.diff(one.stamps_ns)))
-            off_s[name] = np.array([np.median(end) for end in ends]) / max(1.0, pace)
-    usual = np.sort([*off_s.values()], axis=0)[len(off_s) // 2] if off_s else 0.0
-    told = [
-        f'{name} is off by {begin:.3f} s at the beginning and {end:.3f} s at the end'
-        for name, (begin, end) in ((name, one - usual) for name, one in off_s.items())
-        if max(abs(begin), abs(end)) > CLOCK_RESET_NS / NANOSECONDS
-        or abs(end - begin) > SET_BACK_NS / NANOSECONDS
-    ]
-    return f'not all channels are stamped by one clock: {", ".join(told)}' if told else ''
 
 
 def read_record(
@@ -299,9 +228,9 @@ def read_record(
         filled = {
             name: columns[name] for name in CHANNELS if name in columns and len(columns[name])
         }
-        _refuse_stopped(filled, str(bag.path))
+        clocks.refuse_still(filled, str(bag.path))
         first, last = bag.span_ns or (0, 0)
-        refuse_years(filled, str(bag.path), _FASTEST * (last - first) + _LATE_NS)
+        clocks.refuse_years(filled, str(bag.path), _FASTEST * (last - first) + _LATE_NS)
         for name in require:
             if name in filled or (name in sources and name not in measured):
                 continue
@@ -313,56 +242,14 @@ def read_record(
             )
         if not filled:
             raise BagError(f'{bag.path}: its topics {", ".join(measured)} hold no messages')
-        path, notes = str(bag.path), _notes(bag)
+        path, notes = str(bag.path), dict(bag.notes)
+        if bag.problems:
+            notes['problems'] = '; '.join(map(str, bag.problems))
         if not as_stamped:
             filled, remarks = evened(filled)
             if remarks:
                 notes['bursts'] = '; '.join(remarks)
         return Record(with_constants(filled, sources, path), path, notes)
-
-
-def _refuse_stopped(columns: Mapping[str, Series], where: str) -> None:
-    """Refuse a clock that stands still."""
-    for name, one in columns.items():
-        times = different(one.stamps_ns)
-        if _FEWEST_TIMES * times < len(one) and bursts_of(one.stamps_ns) is None:
-            raise MessageError(
-                f'{where}: {name}: {len(one)} samples at {counted(times, "different time")}:'
-                ' its clock stands still'
-            )
-
-
-def refuse_years(
-    columns: Mapping[str, Series], where: str, longest_ns: float = LONGEST_NS
-) -> None:
-    """
-    Refuse stamps that are no times: the record would last for years, nearly all of it empty.
-
-    Raises
-    ------
-    MessageError
-        Naming where they come from, and the one that is the farthest from the others.
-    """
-    ends = _ends(columns)
-    if not ends or max(ends)[0] - min(ends)[0] <= longest_ns:
-        return
-    middle = float(np.median(np.concatenate([one.stamps_ns for one in columns.values()])))
-    odd, name = max(ends, key=lambda end: abs(end[0] - middle))
-    raise MessageError(
-        f'{where}: {name}: a stamp of {odd / NANOSECONDS:.10g} s,'
-        f' {abs(odd - middle) / NANOSECONDS:.3g} s from the others:'
-        ' its clock was not set, or the unit of its times is another one'
-    )
-
-
-def _ends(columns: Mapping[str, Series]) -> list[tuple[int, str]]:
-    """Return the earliest and the latest stamp of each column, ns, with its name."""
-    return [
-        (int(end), name)
-        for name, one in columns.items()
-        if len(one)
-        for end in (one.stamps_ns.min(), one.stamps_ns.max())
-    ]
 
 
 def with_constants(
@@ -379,13 +266,10 @@ def with_constants(
     constants = {
         name: source.constant for name, source in sources.items() if source.constant is not None
     }
-    stamps, ends = np.zeros(0, np.int64), _ends(columns)
-    if constants and ends:
-        refuse_years(columns, where)
-        (first, _), (last, _) = min(ends), max(ends)
-        stamps = np.arange(first, last + 1, CONSTANT_STEP_NS, dtype=np.int64)
-        if stamps[-1] != last:
-            stamps = np.append(stamps, np.int64(last))
+    stamps = np.zeros(0, np.int64)
+    if constants and any(map(len, columns.values())):
+        first, last = clocks.refuse_years(columns, where)
+        stamps = np.append(np.arange(first, last, CONSTANT_STEP_NS, dtype=np.int64), last)
     added = {name: Series(stamps, np.full(stamps.size, one)) for name, one in constants.items()}
     return {**columns, **added}
 
@@ -398,13 +282,6 @@ def _named_channels(bag: Bag, wanted: Collection[str]) -> dict[str, ChannelSourc
         for channel in CHANNELS
         if channel in wanted and channel in last
     }
-
-
-def _notes(bag: Bag) -> dict[str, str]:
-    notes = dict(bag.notes)
-    if told := [*bag.problems, *dict.fromkeys(bag.remarks)]:
-        notes['problems'] = '; '.join(told)
-    return notes
 
 
 def find_topic(bag: Bag, topic: str, channel: str) -> str:
@@ -435,4 +312,4 @@ def listed(bag: Bag) -> str:
     """Return the first dozen topics of a recording, and what is wrong with it, for a message."""
     names = sorted(bag.topics)
     more = f' and {len(names) - 12} more' if len(names) > 12 else ''
-    return ': '.join([', '.join(names[:12]) + more or 'no topics', *bag.problems[-1:]])
+    return ': '.join([', '.join(names[:12]) + more or 'no topics', *map(str, bag.problems[-1:])])

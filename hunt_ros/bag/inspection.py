@@ -8,14 +8,15 @@ goes on: it reads everything, checks every chunk, and looks at the time of every
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.bag.blocks import by_topic, span_of
+from hunt_ros.bag.blocks import Problem, by_topic
+from hunt_ros.bag.clocks import span_of
 from hunt_ros.bag.columns import find_topic, read_record
 from hunt_ros.bag.plausible import possible_readings, wrong_unit
 from hunt_ros.bag.reader import Bag
@@ -31,21 +32,6 @@ GAP_S = 0.1
 STEADY_COUNT = 50
 #: A steady topic that ends so long before the recording does has stopped.
 STOPPED_S = 2.0
-
-
-@dataclass(frozen=True)
-class Problem:
-    """
-    One thing that is wrong.
-
-    `kind` is one of: not_closed, damaged_file, damaged_chunk, damaged_message, bad_index,
-    gap, stopped, clock_jump, missing_channel, wrong_unit, bursts. `time_s` counts from the
-    recording's first stamp, or is None where the problem has no place in time.
-    """
-
-    kind: str
-    text: str
-    time_s: float | None = None
 
 
 @dataclass
@@ -101,20 +87,20 @@ def inspect(
     BagError
         If it cannot be opened at all.
     """
-    with Bag(path) as bag:
-        times, damage = _read_times(bag, advance)
+    with Bag(path, tolerant=True) as bag:
+        times = _read_times(bag, advance)
+        record, found = _measured(bag)
         span = span_of([*times.values()])
         start, end = span or (0, 0)
         report = Inspection(
             bag.path,
-            sum(Path(file.path).stat().st_size for file in bag.files),
-            [Path(file.path).name for file in bag.files],
+            sum(file.path.stat().st_size for file in bag.files),
+            [file.path.name for file in bag.files],
             start if span else None,
             (end - start) / NANOSECONDS,
             bag.notes,
-            problems=[_opening(problem) for problem in bag.problems] + damage,
+            problems=bag.problems,
         )
-        record, found = _measured(bag)
         # The channels of a rig are judged by the stamps that every command reads them by.
         read = {find_topic(bag, name, name): name for name in record}
         for name, summary in sorted(bag.topics.items()):
@@ -151,77 +137,51 @@ def _measured(bag: Bag) -> tuple[Record, list[Problem]]:
     except MessageError as error:
         return Record({}), [Problem('damaged_message', str(error))]
     except BagError:
-        return Record({}), []  # not those of a rig, or damaged, which is said already
-    texts = (wrong_unit(channel, series) for channel, series in record.items())
-    found = [
-        Problem('damaged_message' if text.startswith('topic ') else 'clock_jump', text)
-        for text in dict.fromkeys(bag.remarks)
-        if 'set back' not in text  # each topic says when its own was
-    ]
-    if far := possible_readings(replace(record, notes={})).notes.get('problems'):
-        found.append(Problem('damaged_message', far))
-    found += [Problem('wrong_unit', text) for text in texts if text]
+        return Record({}), []  # not those of a rig
+    found = [Problem('damaged_message', text) for text in possible_readings(record)[1]]
+    for name, series in record.items():
+        if not len(series.finite()):
+            text = f'channel {name}: none of {len(series)} readings is a number'
+            found.append(Problem('damaged_message', text))
+        if text := wrong_unit(name, series):
+            found.append(Problem('wrong_unit', text))
     if bursts := record.notes.get('bursts'):
         found.append(Problem('bursts', bursts))
     return record, found
 
 
-def _opening(problem: str) -> Problem:
-    not_closed = 'not closed' in problem or 'does not end as' in problem
-    return Problem('not_closed' if not_closed else 'damaged_file', problem)
-
-
-def _read_times(
-    bag: Bag, advance: Callable[[float], None]
-) -> tuple[dict[str, NDArray[np.int64]], list[Problem]]:
-    """Return the log times of every topic in the order of the files, and what is damaged."""
+def _read_times(bag: Bag, advance: Callable[[float], None]) -> dict[str, NDArray[np.int64]]:
+    """Return the log times of every topic in the order of the files."""
     parts: dict[str, list[NDArray[np.int64]]] = {}
-    problems: list[Problem] = []
     total = max(1, sum(topic.messages for topic in bag.topics.values()))
     done = 0
-
-    def found(error: BagError) -> None:
-        """Note a damaged chunk."""
-        problems.append(Problem('damaged_chunk', str(error)))
-
-    for topics, block in bag.blocks(bag.topics.keys(), damaged=found):
+    for topics, block in bag.blocks(bag.topics.keys()):
         for topic, places in by_topic(topics, block.places):
             parts.setdefault(topic.name, []).append(places.log_ns)
             done += places.log_ns.size
         advance(min(1.0, done / total))
-    for file in bag.files:
-        problems += [Problem(kind, f'{file.path}: {text}') for kind, text in file.remarks[:10]]
-    return {name: np.concatenate(several) for name, several in parts.items()}, problems
+    return {name: np.concatenate(several) for name, several in parts.items()}
 
 
 def _in_time(name: str, stamps: NDArray[np.int64], start: int, end: int) -> list[Problem]:
     """Look for jumps of the clock, gaps, and an end before the end of the recording."""
     steps = np.diff(stamps)
-
-    def problem(kind: str, at_ns: int, text: str) -> Problem:
-        """Return what is wrong at a stamp, in seconds from the start."""
-        return Problem(kind, f'{name}: {text}', (at_ns - start) / NANOSECONDS)
-
-    problems = [
-        problem(
-            'clock_jump', int(stamps[row]),
-            f'the clock jumps back by {-int(steps[row]) / NANOSECONDS:.3f} s',
-        )
+    told = [
+        ('clock_jump', row, f'the clock jumps back by {-int(steps[row]) / NANOSECONDS:.3f} s')
         for row in np.flatnonzero(steps < 0)[:10].tolist()
-    ]  # fmt: skip
-    if stamps.size < STEADY_COUNT:
-        return problems
-    step = float(np.median(steps))
+    ]
+    step = float(np.median(steps)) if stamps.size >= STEADY_COUNT else 0.0
     # A topic that comes in bursts or by chance has no gaps.
-    chance = not step > 0 or float(np.percentile(steps, 90)) >= 3.0 * step
-    if chance or bursts_of(stamps) is not None:
-        return problems
-    longest = max(GAP_STEPS * step, GAP_S * NANOSECONDS)
-    for row in np.flatnonzero(steps > longest)[:10].tolist():
-        text = f'nothing for {int(steps[row]) / NANOSECONDS:.3f} s'
-        problems.append(problem('gap', int(stamps[row]), text))
-    last = int(stamps.max())
-    if end - last > max(longest, STOPPED_S * NANOSECONDS):
-        text = f'stops {(end - last) / NANOSECONDS:.3f} s before the end'
-        problems.append(problem('stopped', last, text))
-    return problems
+    steady = step > 0.0 and float(np.percentile(steps, 90)) < 3.0 * step
+    if steady and bursts_of(stamps) is None:
+        longest = max(GAP_STEPS * step, GAP_S * NANOSECONDS)
+        for row in np.flatnonzero(steps > longest)[:10].tolist():
+            told.append(('gap', row, f'nothing for {int(steps[row]) / NANOSECONDS:.3f} s'))
+        left = end - int(stamps.max())
+        if left > max(longest, STOPPED_S * NANOSECONDS):
+            text = f'stops {left / NANOSECONDS:.3f} s before the end'
+            told.append(('stopped', int(stamps.argmax()), text))
+    return [
+        Problem(kind, f'{name}: {text}', (int(stamps[row]) - start) / NANOSECONDS)
+        for kind, row, text in told
+    ]

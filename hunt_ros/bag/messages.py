@@ -68,7 +68,7 @@ def read_texts(bag: str | Path | Bag, topic: str) -> list[str]:
     ------
     BagError
         If the topic is of another type, or the recording damaged where it is read; of a message
-        that cannot be read its `remarks` tell.
+        that cannot be read its `problems` tell.
     """
     return [message.data for message in _read(bag, topic, STRING)]
 
@@ -87,7 +87,7 @@ def read_statuses(bag: str | Path | Bag, topic: str) -> list[dict[str, str]]:
     ------
     BagError
         If the topic is of another type, or the recording damaged where it is read; of a message
-        that cannot be read its `remarks` tell.
+        that cannot be read its `problems` tell.
     """
     found = []
     for message in _read(bag, topic, DIAGNOSTIC_ARRAY):
@@ -117,4 +117,4 @@ def _read(bag: str | Path | Bag, topic: str, kind: str) -> Iterator[Any]:
             yield message
         if lost:
             what = f'{len(lost)} messages cannot be read ({lost[0]}), and are passed over'
-            recording.remarks.append(f'topic {raw.topic}: {what}')
+            recording.note('damaged_message', f'topic {raw.topic}: {what}')

@@ -72,9 +72,9 @@ def wrong_unit(channel: str, series: Series, usual_most: float = math.inf) -> st
     )
 
 
-def possible_readings(record: Record) -> Record:
+def possible_readings(record: Record) -> tuple[Record, list[str]]:
     """
-    Return a record with NaN for readings that no sensor gives, which its `problems` then tell.
+    Return a record with NaN for readings that no sensor gives, and a line for each such channel.
 
     They are few, or so large that they are numbers of nothing.
     """
@@ -91,10 +91,7 @@ def possible_readings(record: Record) -> Record:
                 f'channel {name}: {np.count_nonzero(far)} readings of up to {sizes.max():.3g} (SI)'
                 ' are none of a sensor, and are passed over'
             )
-    if not told:
-        return record
-    problems = '; '.join([*filter(None, [record.notes.get('problems')]), *told])
-    return replace(record, channels=channels, notes={**record.notes, 'problems': problems})
+    return replace(record, channels=channels), told
 
 
 def check_units(record: Record) -> Record:
@@ -106,8 +103,11 @@ def check_units(record: Record) -> Record:
     BagError
         Naming the recording, the channel and its values.
     """
-    found = possible_readings(record)
+    found, told = possible_readings(record)
     for channel, series in found.items():
         if problem := wrong_unit(channel, series):
             raise BagError(f'{record.source}: {problem}')
-    return found
+    if not told:
+        return found
+    problems = '; '.join([*filter(None, [record.notes.get('problems')]), *told])
+    return replace(found, notes={**record.notes, 'problems': problems})

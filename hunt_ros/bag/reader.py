@@ -12,15 +12,17 @@ from __future__ import annotations
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Collection, Iterator
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from collections.abc import Collection, Iterator
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
 import zstandard
 
-from hunt_ros.bag.blocks import LONGEST_NS, Block, Topic, expand_messages, span_of
+from hunt_ros.bag.blocks import Block, Problem, Stored, Topic, expand_messages
+from hunt_ros.bag.clocks import LONGEST_NS, span_of
 from hunt_ros.bag.mcap.file import McapFile
 from hunt_ros.bag.sqlite_file import SqliteFile
 from hunt_ros.errors import BagError
@@ -47,7 +49,7 @@ class TopicSummary(NamedTuple):
     messages: int
 
 
-class Bag:
+class Bag(Stored):
     """
     A recording opened for reading; a context manager.
 
@@ -56,6 +58,8 @@ class Bag:
     path : str or Path
         Folder or file. A recording that is not closed yet is found under its final
         name as well.
+    tolerant : bool
+        Pass over what is damaged, and note it.
 
     Attributes
     ----------
@@ -65,10 +69,10 @@ class Bag:
     topics : dict of str to TopicSummary
     notes : dict of str to str
         Rig, operator, remarks, as recorded.
-    problems : list of str
-        What is wrong with it as far as opening shows; empty for a sound recording.
-    remarks : list of str
-        What reading its channels has shown since.
+    left_out : list of str
+        Names of the files that cannot be opened.
+    problems : list of Problem
+        What is wrong with it, as far as opening and reading it have shown.
 
     Raises
     ------
@@ -76,11 +80,11 @@ class Bag:
         If there is nothing there, or it is no recording.
     """
 
-    def __init__(self, path: str | Path) -> None:
-        self.path = existing(Path(path))
+    def __init__(self, path: str | Path, tolerant: bool = False) -> None:
+        super().__init__(existing(Path(path)))
+        self.tolerant = tolerant
         self.files: list[McapFile | SqliteFile] = []
-        self.problems: list[str] = []
-        self.remarks: list[str] = []
+        self.left_out: list[str] = []
         self.metadata: dict[str, Any] = {}
         self._stack = ExitStack()
         try:
@@ -94,7 +98,7 @@ class Bag:
         self.notes.pop('problems', None)  # of the recording that this one was made of
         self.topics: dict[str, TopicSummary] = {}
         for file in self.files:
-            for topic in file.topics:
+            for topic in file.topics.values():
                 before = self.topics.get(topic.name)
                 count = file.counts.get(topic.id, 0) + (before.messages if before else 0)
                 self.topics[topic.name] = TopicSummary(topic.type, count)
@@ -107,20 +111,43 @@ class Bag:
                 folder = tempfile.TemporaryDirectory(prefix='hunt_ros_bag_')
                 scratch = Path(self._stack.enter_context(folder))
             try:
-                file = open_storage(name, scratch)
+                file = self._opened(name, scratch)
             except BagError as error:  # the others are there all the same
                 unread = str(error)
-                self.problems.append(unread)
+                self.note('damaged_file', unread)
+                self.left_out.append(name.name)
                 continue
             self._stack.callback(file.close)
             self.files.append(file)
-            self.problems += [f'{name.name}: {problem}' for problem in file.problems]
         if not self.files:
             raise BagError(unread)
         claimed = self.metadata.get('message_count')
         there = sum(sum(file.counts.values()) for file in self.files)
         if isinstance(claimed, int) and claimed != there and not self.problems:
-            self.problems.append(f'{there} messages are in it, {claimed} by its metadata.yaml')
+            text = f'{there} messages are in it, {claimed} by its metadata.yaml'
+            self.note('damaged_file', text)
+
+    def _opened(self, name: Path, scratch: Path) -> McapFile | SqliteFile:
+        """Open a file; what can be expanded of one that is compressed as a whole, to a place."""
+        kind = storage_kind(name)
+        if kind not in STORAGES:
+            how = '"hunt import" makes one of a CSV, MATLAB, NumPy, TDMS or Parquet file'
+            if kind == ROS_1:
+                how = f'"rosbags-convert --src {name.name} --dst OUT" makes one of a bag of ROS 1'
+            raise BagError(f'{name}: not a recording, expected a folder, .mcap or .db3; {how}')
+        if not name.is_file():  # a pipe would be waited for without end
+            raise BagError(f'{name}: not a file, expected a recording')
+        if name.suffix != '.zstd':
+            return STORAGES[kind](name)
+        expanded = scratch / name.stem
+        if damage := _expand(name, expanded):
+            self.note('damaged_file', damage)
+        try:
+            opened = STORAGES[kind](expanded)
+        except BagError as error:
+            raise BagError(str(error).replace(str(expanded), str(name))) from error
+        opened.path = name
+        return opened
 
     def _listed(self) -> list[Path]:
         """Return the files of a folder, by metadata.yaml where it can be used."""
@@ -129,18 +156,28 @@ class Bag:
         try:
             if description.exists():
                 self.metadata = read_metadata(description)
-                return [self._place(Path(name)) for name in self.metadata['relative_file_paths']]
-            self.problems.append('it was not closed: there is no metadata.yaml')
+                named = [self._place(Path(name)) for name in self.metadata['relative_file_paths']]
+                stems, known = {*map(_stem, named)}, {*map(_base, named)}
+                more = [f for f in present if {_stem(f)} == stems and _base(f) not in known]
+                for file in more:  # its recorder died after it had begun another file
+                    self.note('not_closed', f'{file.name} is not named in metadata.yaml')
+                return named + more
+            self.note('not_closed', 'it was not closed: there is no metadata.yaml')
         except BagError as error:
             if not present:
                 raise
-            self.problems.append(str(error))
+            self.note('damaged_file', str(error))
         if not present:
             raise BagError(
                 f'{self.path}: no .mcap or .db3 file in it, expected a rosbag2 recording'
                 f'{_recordings_below(self.path)}'
             )
-        return of_one(present)
+        if len({*map(_stem, present)}) > 1:
+            raise BagError(
+                f'{self.path}: {present[0].name} and {present[-1].name} are not of one recording'
+                ' by their names, and no metadata.yaml says so: name them one by one'
+            )
+        return present
 
     def _place(self, name: Path) -> Path:
         """Return where a file that metadata.yaml names is, in the folder or below it."""
@@ -153,13 +190,24 @@ class Bag:
         return found
 
     @property
+    def problems(self) -> list[Problem]:
+        """What is wrong with it, and with each of its files."""
+        return super().problems + [
+            replace(problem, text=f'{file.path.name}: {problem.text}')
+            for file in self.files
+            for problem in file.problems
+        ]
+
+    @property
     def span_ns(self) -> tuple[int, int] | None:
         """First and last log time over all files, ns; None for an empty recording."""
         ends = [end for file in self.files for end in file.span_ns or ()]
         span = (min(ends), max(ends)) if ends else None
         if span and span[1] - span[0] > LONGEST_NS:  # all of them tell a clock from damage
-            blocks = self.blocks(self.topics, lambda error: None)
-            parts = [part.log_ns for _, block in blocks for part in block.places.values()]
+            parts = []
+            with suppress(BagError):  # what is damaged its reading says
+                for _, block in self.blocks(self.topics):
+                    parts += [part.log_ns for part in block.places.values()]
             span = span_of(parts) or span
         return span
 
@@ -176,9 +224,7 @@ class Bag:
                     found |= strings
         return found
 
-    def blocks(
-        self, names: Collection[str], damaged: Callable[[BagError], None] | None = None
-    ) -> Iterator[tuple[dict[int, Topic], Block]]:
+    def blocks(self, names: Collection[str]) -> Iterator[tuple[dict[int, Topic], Block]]:
         """
         Yield the messages of topics.
 
@@ -186,9 +232,6 @@ class Bag:
         ----------
         names : collection of str
             Full names.
-        damaged : callable, optional
-            Told of each damaged part, which is then passed over; without it the first
-            one ends the reading with its error.
 
         Yields
         ------
@@ -199,14 +242,15 @@ class Bag:
         Raises
         ------
         BagError
-            If a part of the recording that is asked for is damaged.
+            If a part of the recording that is asked for is damaged, and it is not `tolerant`.
         """
         for file in self.files:
-            topics = {topic.id: topic for topic in file.topics if topic.name in names}
+            topics = {key: topic for key, topic in file.topics.items() if topic.name in names}
             if not topics:
                 continue
-            for block in file.blocks(topics.keys(), damaged):
-                yield topics, expand_messages(block, topics, file.path, damaged)
+            file.tolerant = self.tolerant
+            for block in file.blocks(topics.keys()):
+                yield topics, expand_messages(block, topics, file)
 
     def close(self) -> None:
         """Let go of the files."""
@@ -243,70 +287,32 @@ def folder_files(folder: Path) -> list[Path]:
     return sorted(found, key=_natural)
 
 
-def open_storage(name: Path, scratch: Path, *, partial: bool = False) -> McapFile | SqliteFile:
-    """
-    Open one file.
-
-    Parameters
-    ----------
-    name : Path
-        `.mcap` or `.db3`, or one of them with `.zstd`.
-    scratch : Path
-        Where a compressed file is expanded to.
-    partial : bool
-        Take what can be expanded of a damaged file.
-
-    Raises
-    ------
-    BagError
-        If it is no recording, or damaged so far that nothing can be read.
-    """
-    kind = storage_kind(name)
-    if kind not in STORAGES:
-        how = '"hunt import" makes one of a CSV, MATLAB, NumPy, TDMS or Parquet file'
-        if kind == ROS_1:
-            how = f'"rosbags-convert --src {name.name} --dst OUT" makes one of a bag of ROS 1'
-        raise BagError(f'{name}: not a recording, expected a folder, .mcap or .db3; {how}')
-    if not name.is_file():  # a pipe would be waited for without end
-        raise BagError(f'{name}: not a file, expected a recording')
-    if name.suffix != '.zstd':
-        return STORAGES[kind](name)
-    expanded = _expanded(name, scratch, partial)
-    try:
-        opened = STORAGES[kind](expanded)
-    except BagError as error:
-        raise BagError(str(error).replace(str(expanded), str(name))) from error
-    opened.path = str(name)
-    return opened
-
-
-def _expanded(name: Path, scratch: Path, partial: bool) -> Path:
-    """Expand a file that is compressed as a whole; `partial` takes what there is of it."""
-    target = scratch / name.stem
-    free = shutil.disk_usage(scratch).free - _RESERVE
+def _expand(name: Path, target: Path) -> str:
+    """Expand a file that is compressed as a whole; return what is wrong with it behind that."""
+    free = shutil.disk_usage(target.parent).free - _RESERVE
     machine = zstandard.ZstdDecompressor()
     try:
         with open(name, 'rb') as packed, open(target, 'wb') as out:
             for part in machine.read_to_iter(packed):
                 free -= len(part)
                 if free < 0:
-                    raise BagError(f'{name}: no space in {scratch} to expand it')
+                    raise BagError(f'{name}: no space in {target.parent} to expand it')
                 out.write(part)
-    except (OSError, zstandard.ZstdError, MemoryError) as error:
-        if not partial or isinstance(error, OSError):
-            raise BagError(f'{name}: cannot be expanded ({error})') from error
-    return target
+    except (zstandard.ZstdError, MemoryError) as error:
+        return f'{name}: cannot be expanded to its end ({error})'
+    except OSError as error:
+        raise BagError(f'{name}: cannot be expanded ({error})') from error
+    return ''
 
 
-def of_one(files: list[Path]) -> list[Path]:
-    """Return files that nothing describes; refuse those that differ in more than their number."""
-    stems = {re.sub(r'[-_]?\d+\.\w+(\.zstd)?$', '', file.name) for file in files}
-    if len(stems) > 1:
-        raise BagError(
-            f'{files[0].parent}: {files[0].name} and {files[-1].name} are not of one recording by'
-            ' their names, and no metadata.yaml says so: name them one by one'
-        )
-    return files
+def _stem(file: Path) -> str:
+    """Return what the names of the files of one recording share."""
+    return re.sub(r'[-_]?\d+\.\w+(\.zstd)?$', '', file.name)
+
+
+def _base(file: Path) -> str:
+    """Return the name of a file whatever it is stored in."""
+    return Path(file.name.removesuffix('.zstd')).stem
 
 
 def _natural(name: Path) -> list[tuple[int, str]]:

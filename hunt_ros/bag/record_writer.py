@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.bag.bag_writer import BagWriter
-from hunt_ros.bag.blocks import clocks_of
 from hunt_ros.bag.cdr.layout import locate, parse_path
 from hunt_ros.bag.cdr.message_types import standard_definitions, standard_types
+from hunt_ros.bag.clocks import going_on
 from hunt_ros.errors import BagError
 from hunt_ros.samples import NANOSECONDS, Record, Series
 from hunt_ros.sensors import CHANNEL_FIELDS, JOINT_STATE
@@ -71,16 +71,18 @@ def write_record(
     if problems := together.pop('problems', ''):  # those of another recording, not of this one
         together['source_problems'] = problems
     with BagWriter(path, notes=together) as bag:
-        for message in messages_of(record, bag.topic, namespace, in_order=True):
+        for message in messages_of(record, bag.topic, namespace):
             bag.write(*message)
     return Path(path)
 
 
 def messages_of(
-    record: Record, topic: Callable[[str, str], int], namespace: str, in_order: bool = False
+    record: Record, topic: Callable[[str, str], int], namespace: str
 ) -> Iterator[tuple[int, int, bytes]]:
     """
     Return the messages of a record in the order of their stamps, as `BagWriter.write` takes them.
+
+    Where a clock was set back, what was measured first stays first, and the time goes on.
 
     Parameters
     ----------
@@ -90,8 +92,6 @@ def messages_of(
         Gives the number of a topic from its name and type.
     namespace : str
         In front of the topics' names.
-    in_order : bool
-        Where a clock was set back, what was measured first stays first, and the time goes on.
     """
     prefix = f'/{namespace.strip("/")}' if namespace.strip('/') else ''
     keys = {
@@ -99,24 +99,20 @@ def messages_of(
         for name, (kind, _) in CHANNEL_FIELDS.items()
         if name in record
     }
-    each = (_messages(key, name, record[name], in_order) for name, key in keys.items())
+    each = (_messages(key, name, record[name]) for name, key in keys.items())
     return merge(*each, key=itemgetter(1))
 
 
-def _messages(
-    key: int, channel: str, series: Series, in_order: bool
-) -> Iterator[tuple[int, int, bytes]]:
-    stamps = series.stamps_ns
-    order = np.lexsort((stamps, clocks_of(stamps) if in_order else 0 * stamps))
-    steps = np.diff(stamps[order], prepend=stamps[order[:1]])
-    times = stamps[order] - np.cumsum(np.minimum(steps, 0))
+def _messages(key: int, channel: str, series: Series) -> Iterator[tuple[int, int, bytes]]:
+    times = going_on(series.stamps_ns)
+    order = np.argsort(times, kind='stable')
     # As messages a series is ten times as large: some at a time.
     for begin in range(0, len(series), _ROWS):
         rows = order[begin : begin + _ROWS]
         part = Series(series.stamps_ns[rows], series.values[rows])
         yield from zip(
             repeat(key),
-            times[begin : begin + _ROWS].tolist(),
+            times[rows].tolist(),
             map(bytes, serialise(channel, part)),
             strict=False,
         )

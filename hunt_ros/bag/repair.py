@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import fcntl
 import shutil
-import tempfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,10 +26,9 @@ from hunt_ros.bag.blocks import Block, Topic, expand_zstd, in_order, packed_topi
 from hunt_ros.bag.cdr.layout import extent
 from hunt_ros.bag.cdr.message_types import Definitions, definition_text, definitions_of
 from hunt_ros.bag.mcap import records as rec
-from hunt_ros.bag.mcap.file import McapFile, proven_places
-from hunt_ros.bag.mcap.layout import IMPOSSIBLE, Layout
+from hunt_ros.bag.mcap.file import McapFile
 from hunt_ros.bag.mcap.writer import McapWriter
-from hunt_ros.bag.reader import ACTIVE, Bag, existing, folder_files, of_one, open_storage
+from hunt_ros.bag.reader import ACTIVE, Bag, folder_files
 from hunt_ros.bag.sqlite_file import SALVAGE_HINT
 from hunt_ros.errors import BagError, HuntError
 from hunt_ros.files import write_whole
@@ -93,23 +91,31 @@ def repair(path: str | Path, out: str | Path) -> Repair:
     BagError
         If there is nothing to save, or `out` exists or cannot be written.
     """
-    source, target = existing(Path(path)), Path(out)
+    target = Path(out)
     active = target.with_name(target.name + ACTIVE)
     for name in (target, active):
         if name.exists():
             raise BagError(f'{name}: exists already, expected a name for the repaired recording')
-    files = folder_files(source) if source.is_dir() else [source]
-    if not files:
-        raise BagError(f'{source}: no recording there, expected .mcap or .db3 files')
-    if not (source / 'metadata.yaml').exists():
-        of_one(files)
     report = Repair(target)
     try:
-        active.mkdir(parents=True)
-        _repair_files(files, active, report)
+        with Bag(path, tolerant=True) as bag:
+            active.mkdir(parents=True)
+            report.left_out += bag.left_out
+            span_ns = bag.span_ns
+            for number, file in enumerate(bag.files):
+                if isinstance(file, McapFile):
+                    copy = active / f'{target.name}_{number}.mcap'
+                    _copy(file, copy, report, span_ns)
+                else:
+                    report.left_out.append(file.path.name)
+                    text = f'{file.path}: is SQLite, expected MCAP ({SALVAGE_HINT})'
+                    report.problems.append(text)
+            report.problems[:0] = map(str, bag.problems)
+        if any(active.iterdir()):
+            report.saved = _describe(active)
         if not report.messages:
             reason = report.problems[0] if report.problems else 'no message is whole'
-            raise BagError(f'{source}: nothing to save ({reason})')
+            raise BagError(f'{bag.path}: nothing to save ({reason})')
         active.rename(target)
     except BaseException as error:
         shutil.rmtree(active, ignore_errors=True)
@@ -119,92 +125,82 @@ def repair(path: str | Path, out: str | Path) -> Repair:
     return report
 
 
-def _repair_files(files: Sequence[Path], active: Path, report: Repair) -> None:
-    """Save what is sound in each file of a recording into a file of the new one."""
-    for number, file in enumerate(files):
-        copy = active / f'{report.path.name}_{number}.mcap'
-        found = Repair(copy)
-        try:
-            with tempfile.TemporaryDirectory(prefix='hunt_ros_repair_') as scratch:
-                storage = open_storage(file, Path(scratch), partial=True)
-                with closing(storage), closing(McapWriter(copy)) as writer:
-                    if not isinstance(storage, McapFile):
-                        raise BagError(f'{file}: is SQLite, expected MCAP ({SALVAGE_HINT})')
-                    _copy_mcap(storage, writer, found)
-                    writer.finish()
-                missing = sum((storage.layout.claimed or {}).values()) - writer.counts.total()
-                if missing > storage.layout.left_out.total():
-                    found.problems.append(f'{missing} messages of its summary are not there')
-        except BagError as error:
-            report.problems.append(str(error))
-            report.left_out.append(file.name)
-            copy.unlink(missing_ok=True)
-            continue
-        report.lost_bytes += found.lost_bytes
-        report.lost_spans_ns += found.lost_spans_ns
-        report.problems += [f'{file.name}: {problem}' for problem in found.problems]
-    if len(report.left_out) < len(files):
-        report.saved = _describe(active)
+def _copy(
+    file: McapFile, path: Path, report: Repair, span_ns: tuple[int, int] | None = None
+) -> None:
+    """Copy what is sound of an MCAP file; of its messages those of these log times."""
+    name = file.path.name
+    left_out: Counter[str] = Counter()
+    report.lost_bytes += file.lost_bytes
+    with closing(McapWriter(path)) as writer:
+        writer.describe(*file.schemas.values(), *file.channels.values())
+        for offset, length in file.beside:
+            record = bytes(file.view[offset : offset + length])
+            # The metadata of rosbag2 holds counts of the whole recording, which no longer hold.
+            if record[0] != Opcode.METADATA or (
+                rec.unpack(peer.Metadata, record[9:]).name != 'rosbag2'
+            ):
+                writer.add_beside(record)
+        for chunk in file.chunks:
+            try:
+                left_out += copy_chunk(file, chunk, writer, span_ns)
+            except ValueError as error:
+                report.lost_spans_ns.append((chunk.first_ns, chunk.last_ns))
+                report.lost_bytes += chunk.end - chunk.offset
+                text = f'{name}: bytes {chunk.offset} to {chunk.end}: a chunk: {error}'
+                report.problems.append(text)
+        loose = Block(np.frombuffer(file.view, np.uint8), file.loose)
+        left_out += _copy_messages(file, loose, writer, span_ns)
+        writer.finish()
+    if not file.ended:
+        report.problems.append(f'{name}: the end of the recording is missing')
+    report.problems += [f'{name}: {n} {what} are left out' for what, n in left_out.items()]
+    missing = sum((file.claimed or {}).values()) - writer.counts.total()
+    if missing > left_out.total() + file.unproven:
+        report.problems.append(f'{name}: {missing} messages of its summary are not there')
 
 
-def _copy_mcap(file: McapFile, writer: McapWriter, report: Repair) -> None:
-    """Copy what is sound of an MCAP file."""
-    layout = file.layout
-    report.problems += layout.problems
-    report.lost_bytes += layout.lost_bytes
-    writer.describe(*layout.schemas.values(), *layout.channels.values())
-    for offset, length in layout.beside:
-        record = bytes(file.view[offset : offset + length])
-        # The metadata of rosbag2 holds counts of the whole recording, which no longer hold.
-        if record[0] != Opcode.METADATA or rec.unpack(peer.Metadata, record[9:]).name != 'rosbag2':
-            writer.add_beside(record)
-    for chunk in layout.chunks:
-        try:
-            copy_chunk(layout, chunk, writer)
-        except ValueError as error:
-            end = chunk.data + chunk.stored
-            report.lost_spans_ns.append((chunk.first_ns, chunk.last_ns))
-            report.lost_bytes += end - chunk.offset
-            report.problems.append(f'bytes {chunk.offset} to {end}: a chunk: {error}')
-    _copy_messages(Block(np.frombuffer(file.view, np.uint8), layout.loose), layout, writer)
-    if not layout.ended:
-        report.problems.append('the end of the recording is missing')
-    left_out = (f'{count} {what} are left out' for what, count in layout.left_out.items() if count)
-    report.problems += left_out
+def copy_chunk(
+    file: McapFile, chunk: rec.Chunk, writer: McapWriter, span_ns: tuple[int, int] | None = None
+) -> Counter[str]:
+    """
+    Copy a chunk as it is; message by message without a CRC, or where one must be left out.
 
-
-def copy_chunk(layout: Layout, chunk: rec.Chunk, writer: McapWriter) -> None:
-    """Copy a chunk as it is; message by message without a CRC, or where one must be left out."""
-    data = np.frombuffer(rec.expand_chunk(layout.view, chunk), np.uint8)
-    found = proven_places(layout, chunk, data)
+    Returns
+    -------
+    Counter of str
+        What is left out.
+    """
+    data, found = file.opened(chunk)
     times = [(int(part.log_ns.min()), int(part.log_ns.max())) for part in found.values()]
     if not times:
-        return
+        return Counter()
     first, last = min(first for first, _ in times), max(last for _, last in times)
+    block = Block(data, found)
     if (
         chunk.crc
         and (first, last) == (chunk.first_ns, chunk.last_ns)
-        and found.keys() <= layout.channels.keys()
-        and not packed_topics(Block(data, found), layout.topics)
+        and (span_ns is None or span_ns[0] <= first <= last <= span_ns[1])
+        and found.keys() <= file.channels.keys()
+        and not packed_topics(block, file.topics)
     ):
         entries = {
             key: np.stack([part.log_ns, part.starts - rec.MESSAGE_PREFIX], axis=1).tobytes()
             for key, part in found.items()
         }
-        writer.add_chunk(bytes(layout.view[chunk.offset : chunk.end]), entries)
-        return
-    possible = {key: places.possible() for key, places in found.items()}
-    layout.left_out[IMPOSSIBLE] += sum(
-        found[key].log_ns.size - places.log_ns.size for key, places in possible.items()
-    )
-    _copy_messages(Block(data, possible), layout, writer)
+        writer.add_chunk(bytes(file.view[chunk.offset : chunk.end]), entries)
+        return Counter()
+    return _copy_messages(file, block, writer, span_ns)
 
 
-def _copy_messages(block: Block, layout: Layout, writer: McapWriter) -> None:
+def _copy_messages(
+    file: McapFile, block: Block, writer: McapWriter, span_ns: tuple[int, int] | None
+) -> Counter[str]:
     """Copy those as their types say, in their order, what was compressed alone expanded."""
-    packed = packed_topics(block, layout.topics)
-    types = {key: (_definitions(topic), topic.type) for key, topic in layout.topics.items()}
-    for start, length, _, key in in_order(block.places):
+    left_out: Counter[str] = Counter()
+    packed = packed_topics(block, file.topics)
+    types = {key: (_definitions(topic), topic.type) for key, topic in file.topics.items()}
+    for start, length, log_ns, key in in_order(block.places):
         if key not in types:
             continue
         message = block.data[start : start + length].tobytes()
@@ -212,13 +208,16 @@ def _copy_messages(block: Block, layout: Layout, writer: McapWriter) -> None:
             try:
                 message = expand_zstd(message)
             except ValueError:
-                layout.left_out['messages that cannot be expanded'] += 1
+                left_out['messages that cannot be expanded'] += 1
                 continue
-        if not _is_of(*types[key], message):
-            layout.left_out['messages that are not as their type says'] += 1
-            continue
-        head = rec.MESSAGE_HEAD.unpack_from(block.data.data, start - rec.MESSAGE_HEAD.size)
-        writer.add_record(message, *head)
+        if span_ns is not None and not span_ns[0] <= log_ns <= span_ns[1]:
+            left_out['messages of an impossible time'] += 1
+        elif not _is_of(*types[key], message):
+            left_out['messages that are not as their type says'] += 1
+        else:
+            head = rec.MESSAGE_HEAD.unpack_from(block.data.data, start - rec.MESSAGE_HEAD.size)
+            writer.add_record(message, *head)
+    return left_out
 
 
 def _definitions(topic: Topic) -> Definitions | None:
@@ -244,14 +243,14 @@ def _describe(active: Path) -> Counter[str]:
     saved: Counter[str] = Counter()
     with Bag(active) as bag:
         for file in bag.files:
-            for topic in file.topics:
+            for topic in file.topics.values():
                 if count := file.counts.get(topic.id, 0):
                     saved[topic.name] += count
                     kind = topic.type_hash or definition_text(topic.type)[1]
                     topics[topic.name] = topic._replace(qos=offered_qos(topic.qos), type_hash=kind)
             first_ns, last_ns = file.span_ns or (None, 0)
             count = sum(file.counts.values())
-            files.append(FileEntry(Path(file.path).name, first_ns, last_ns, count))
+            files.append(FileEntry(file.path.name, first_ns, last_ns, count))
         rows = [(topic, saved[name]) for name, topic in topics.items()]
         text = folder_metadata(rows, files, bag.notes)
     (active / 'metadata.yaml').write_text(text, encoding='utf-8')
@@ -318,16 +317,9 @@ def _lock(file: Path) -> IO[bytes]:
 
 def _finish_file(file: Path) -> None:
     """Put a complete file in the place of one that was not closed, with what is sound in it."""
-
-    def copy(path: Path) -> None:
-        """Write the complete one."""
-        with closing(McapWriter(path)) as writer:
-            _copy_mcap(left, writer, Repair(file))
-            writer.finish()
-
     with closing(McapFile(file)) as left:
         if left.problems:
-            write_whole(file, copy, 'recording')
+            write_whole(file, lambda path: _copy(left, path, Repair(file)), 'recording')
 
 
 def finalise_left(directory: Path) -> Iterator[tuple[Path | None, str]]:

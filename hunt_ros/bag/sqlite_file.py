@@ -13,23 +13,23 @@ from __future__ import annotations
 import os
 import sqlite3
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
-from hunt_ros.bag.blocks import Block, Topic, pack_messages
+from hunt_ros.bag.blocks import Block, Stored, Topic, pack_messages
 from hunt_ros.errors import BagError
 
 _ROWS = 20_000
 _BYTES = 1 << 22
 
-#: Bytes, at a time from 1970 on; what is not is passed over.
-_POSSIBLE = "typeof(timestamp) = 'integer' AND timestamp >= 0 AND typeof(data) = 'blob'"
+#: Bytes, at a time; what is not is passed over.
+_POSSIBLE = "typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
 
 #: What a message about a damaged file says; SQLite knows no checksum.
 SALVAGE_HINT = '"sqlite3 FILE .recover" saves what can be read'
 
 
-class SqliteFile:
+class SqliteFile(Stored):
     """
     A `.db3` file opened for reading, read-only and without locking out its recorder.
 
@@ -45,28 +45,29 @@ class SqliteFile:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.path = str(path)
-        self.problems: list[str] = []
-        self.remarks: list[tuple[str, str]] = []
+        super().__init__(path)
         self.metadata: list[tuple[str, dict[str, str]]] = []
         try:
             self._base = sqlite3.connect(_address(Path(path).resolve()), uri=True)
             self._base.text_factory = lambda raw: raw.decode('utf-8', 'replace')
         except sqlite3.Error as error:
-            raise self._damage(error) from error
+            raise BagError(f'{path}: {self._reason(error)}') from error
         try:
             self.topics = self._read_topics()
-        except (sqlite3.Error, TypeError, ValueError, BagError) as error:
+        except BagError:
             self._base.close()
-            raise error if isinstance(error, BagError) else self._damage(error) from error
+            raise
+        except (sqlite3.Error, TypeError, ValueError) as error:
+            self._base.close()
+            raise BagError(f'{path}: {self._reason(error)}') from error
         self.counts: dict[int, int] = {}
         try:
             self._count()
         except (sqlite3.Error, TypeError, ValueError) as error:
             # The topics are known: what can be read of the messages, the reading shows.
-            self.problems.append(str(self._damage(error)))
+            self.note('damaged_file', self._reason(error))
 
-    def _read_topics(self) -> list[Topic]:
+    def _read_topics(self) -> dict[int, Topic]:
         ((page,),) = self._base.execute('PRAGMA page_size')
         if os.path.getsize(self.path) % page:  # SQLite takes what is missing of a page for zeros
             raise ValueError('its last page is cut')
@@ -78,13 +79,13 @@ class SqliteFile:
             query = 'SELECT topic_type, encoding, encoded_message_definition'
             for name, encoding, text in self._base.execute(f'{query} FROM message_definitions'):
                 texts[str(name)] = (str(encoding), str(text))
-        topics = []
+        topics = {}
         columns = {row[1] for row in self._base.execute('PRAGMA table_info(topics)')}
         qos = 'offered_qos_profiles' if 'offered_qos_profiles' in columns else "''"
         query = f'SELECT id, name, type, serialization_format, {qos} FROM topics'
         for key, name, kind, encoding, offered in self._base.execute(query):
             about = (*texts.get(str(kind), ('', '')), str(offered))
-            topics.append(Topic(int(key), str(name), str(kind), str(encoding), *about))
+            topics[int(key)] = Topic(int(key), str(name), str(kind), str(encoding), *about)
         return topics
 
     def _count(self) -> None:
@@ -93,12 +94,13 @@ class SqliteFile:
         lost: Counter[str] = Counter()
         for key, possible, count in self._base.execute(query):
             if not possible:
-                lost['messages of an impossible time, or of no bytes'] += count
+                lost['messages without a time, or of no bytes'] += count
                 continue
             self.counts[int(key)] = int(count)
-            if int(key) not in {topic.id for topic in self.topics}:
+            if int(key) not in self.topics:
                 lost['messages of topics described nowhere'] += count
-        self.problems += [f'{count} {what}' for what, count in lost.items()]
+        for what, count in lost.items():
+            self.note('damaged_file', f'{count} {what}')
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
@@ -114,15 +116,9 @@ class SqliteFile:
         """Let go of the file."""
         self._base.close()
 
-    def blocks(
-        self,
-        wanted: Collection[int],
-        damaged: Callable[[BagError], None] | None = None,
-    ) -> Iterator[Block]:
+    def blocks(self, wanted: Collection[int]) -> Iterator[Block]:
         """
         Yield the messages of these topics, in the order in which they were written.
-
-        `damaged` is told where the file cannot be read on, and what is wrong with it beside.
 
         Raises
         ------
@@ -143,7 +139,7 @@ class SqliteFile:
                 while len(rows) < _ROWS and size < _BYTES and (row := cursor.fetchone()):
                     rows.append(row)
                     size += len(row[2])
-                if damaged is not None and not rows:  # by its index of times others read it
+                if self.tolerant and not rows:  # by its index of times others read it
                     ((told,),) = self._base.execute('PRAGMA quick_check(1)')
                     failure = None if told == 'ok' else ValueError(told)
             except (sqlite3.Error, TypeError, ValueError, OverflowError) as error:
@@ -152,16 +148,14 @@ class SqliteFile:
             if count:
                 yield pack_messages(rows)
         if failure is not None:
-            if damaged is None:
-                raise self._damage(failure) from failure
-            damaged(self._damage(failure))
+            self.fail(self._reason(failure), failure)
 
-    def _damage(self, error: Exception) -> BagError:
+    def _reason(self, error: Exception) -> str:
         reason = ' '.join(str(error).split())
         hint = '' if 'not a database' in reason else f'; {SALVAGE_HINT}'
-        if _log_of(self.path).exists() and not os.access(Path(self.path).parent, os.W_OK):
+        if _log_of(self.path).exists() and not os.access(self.path.parent, os.W_OK):
             hint = '; SQLite reads its -wal file in a folder that may be written: copy both'
-        return BagError(f'{self.path}: not a sound SQLite recording ({reason:.120}){hint}')
+        return f'not a sound SQLite recording ({reason:.120}){hint}'
 
 
 def _log_of(path: str | Path) -> Path:

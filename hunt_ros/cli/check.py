@@ -58,18 +58,18 @@ def run(arguments: argparse.Namespace) -> Found:
     if arguments.bag is not None:
         live = ('--duration', '--namespace', '--directory')
         options.refuse_given(arguments, live, 'only for live topics, the recording is checked')
-        rig, record, arrivals = _recorded(arguments, rig)
-        findings = check_rig(record, arrivals, rig)
+        rig, record, arrivals, damage = _recorded(arguments, rig)
+        more = []
     else:
         heard = _listen(arguments, rig)
-        record, arrivals = _live(heard)
-        findings = [*_publishers(heard, rig), *check_rig(record, arrivals, rig)]
-        findings += [_disk(record, options.recordings_of(arguments))]
-        findings += [_alarm(arguments), _watchdog(rig)]
-    record = replace(record, channels=evened(record)[0])
-    findings += [*_damage(record), *(units := _units(record)), *_stops(record)]
+        record, arrivals, damage = _live(heard)
+        more = [*_publishers(heard, rig), _disk(record, options.recordings_of(arguments))]
+        more += [_alarm(arguments), _watchdog(rig)]
+    sound, stops = _without_stops(replace(record, channels=evened(record)[0]))
+    findings = [*check_rig(record, sound, arrivals, rig), *more, *damage]
+    findings += [*(units := _units(record)), *stops]
     if all(one.state != FAIL for one in units):  # else its numbers are none of a rig
-        findings += _filters(record, rig)
+        findings += _filters(sound, rig)
     failed = sum(finding.state == FAIL for finding in findings)
     document = {
         'source': str(arguments.bag) if arguments.bag else f'/{arguments.namespace or "rig"}',
@@ -82,10 +82,10 @@ def run(arguments: argparse.Namespace) -> Found:
 
 def _recorded(
     arguments: argparse.Namespace, rig: Rig
-) -> tuple[Rig, Record, dict[str, NDArray[np.int64]]]:
+) -> tuple[Rig, Record, dict[str, NDArray[np.int64]], list[Finding]]:
     """Read a recording, and when its messages came; without a rig file, what it holds or lacks."""
     sources = options.channels_of(arguments, CHANNELS)
-    record = possible_readings(read_record(arguments.bag, sources, as_stamped=True))
+    record, told = possible_readings(read_record(arguments.bag, sources, as_stamped=True))
     refuse_other(record.notes.get('rig', ''), rig.rig_name, str(arguments.bag))
     if not arguments.rig:
         rig = replace(rig, channels=(*record, *(either[0] for either in lacking(record))))
@@ -96,7 +96,8 @@ def _recorded(
         for name, series in read_columns(arguments.bag, measured, stamps='log').items()
         if len(series) == len(record[name])
     }
-    return rig, record, came
+    told = [*filter(None, [record.notes.get('problems')]), *told]
+    return rig, record, came, _damage(told, 'hunt info tells all that is wrong with it')
 
 
 def _listen(arguments: argparse.Namespace, rig: Rig) -> dict[str, Any]:
@@ -107,16 +108,18 @@ def _listen(arguments: argparse.Namespace, rig: Rig) -> dict[str, Any]:
         return ask(NodeSpec('rig_listener', parameters), arguments.namespace or 'rig')
 
 
-def _live(heard: Mapping[str, Any]) -> tuple[Record, dict[str, NDArray[np.int64]]]:
+def _live(
+    heard: Mapping[str, Any],
+) -> tuple[Record, dict[str, NDArray[np.int64]], list[Finding]]:
     """Return what was heard as a record, and when it came."""
     filled = {name: one for name, one in heard.items() if one['values']}
     channels = {
         name: Series(np.array(one['stamps_ns']), np.array(one['values']))
         for name, one in filled.items()
     }
-    return possible_readings(Record(channels)), {
-        n: np.array(one['arrivals_ns']) for n, one in filled.items()
-    }
+    record, told = possible_readings(Record(channels))
+    arrivals = {name: np.array(one['arrivals_ns']) for name, one in filled.items()}
+    return record, arrivals, _damage(told, 'look at the sensor, its cable and what reads it')
 
 
 def _publishers(heard: Mapping[str, Any], rig: Rig) -> list[Finding]:
@@ -136,11 +139,9 @@ def _publishers(heard: Mapping[str, Any], rig: Rig) -> list[Finding]:
     return found
 
 
-def _damage(record: Record) -> list[Finding]:
-    """Return what opening a recording showed to be wrong with it."""
-    problems = record.notes.get('problems')
-    advice = 'hunt info tells all that is wrong with it'
-    return [Finding('damage', '', WARN, f'damaged: {problems}', advice)] if problems else []
+def _damage(told: list[str], advice: str) -> list[Finding]:
+    """Return what reading has shown to be wrong."""
+    return [Finding('damage', '', WARN, f'damaged: {"; ".join(told)}', advice)] if told else []
 
 
 def _units(record: Record) -> list[Finding]:
@@ -162,14 +163,17 @@ def _units(record: Record) -> list[Finding]:
     return found
 
 
-def _stops(record: Record) -> list[Finding]:
-    """Return where a displacement sensor does not measure, by what `hunt identify` leaves out."""
-    texts = {name: without_stops(record[name])[1] for name in DISPLACEMENTS if name in record}
+def _without_stops(record: Record) -> tuple[Record, list[Finding]]:
+    """Return what `hunt identify` takes, and where a displacement sensor does not measure."""
+    found = {name: without_stops(record[name]) for name in DISPLACEMENTS if name in record}
+    channels = {**record, **{name: sound for name, (sound, _) in found.items()}}
     advice = (
         'hunt identify leaves this out, and the detector does not: look at range and cable of the'
         ' sensor, and at what reads it'
     )
-    return [Finding('range', name, WARN, text, advice) for name, text in texts.items() if text]
+    stops = ((name, text) for name, (_, text) in found.items() if text)
+    findings = [Finding('range', name, WARN, text, advice) for name, text in stops]
+    return replace(record, channels=channels), findings
 
 
 def _filters(record: Record, rig: Rig) -> list[Finding]:

@@ -31,8 +31,7 @@ def run(arguments: argparse.Namespace) -> Found:
     with Bag(arguments.bag) as bag:
         stretch = {'from_s': arguments.start, 'to_s': arguments.end}
         rows = export_file(bag, arguments.out, channels, **stretch)
-        problems = [*bag.problems, *dict.fromkeys(bag.remarks)]
-        problems += [text for file in bag.files for _, text in file.remarks]
+        problems = list(map(str, bag.problems))
     for problem in problems:
         print(f'hunt export: damaged: {problem}', file=sys.stderr)
     written = {'file': str(arguments.out), 'rows': rows, 'problems': problems}

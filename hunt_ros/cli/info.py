@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from hunt_ros.bag.inspection import Inspection, inspect
 from hunt_ros.bag.mcap.file import REPAIR
 from hunt_ros.bag.repair import repair
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import Found, progress
-from hunt_ros.errors import BagError
 from hunt_ros.samples import counted
 
 EXAMPLE = 'hunt info bags/damaged.mcap --repair saved'
@@ -30,34 +28,25 @@ def run(arguments: argparse.Namespace) -> Found:
 
     With a repair 0 where all that is sound was copied, 1 where a file was left out.
     """
-    found: Inspection | None = None
-    unreadable = ''
-    try:
-        with progress('reading') as advance:
-            found = inspect(arguments.bag, advance)
-    except BagError as error:
-        # Even what cannot be opened may hold something to save.
-        if arguments.repair is None or not arguments.bag.exists():
-            raise
-        unreadable = str(error)
-    repaired = repair(arguments.bag, arguments.repair) if arguments.repair else None
-    problem = {'kind': 'damaged_file', 'text': unreadable, 'time_s': None}
-    document: dict[str, Any] = {'problems': [problem]} if found is None else found.to_json()
-    lines = [unreadable] if found is None else _lines(found)
-    if repaired is not None:
-        document['repair'] = {
-            'path': str(repaired.path),
-            'messages': repaired.messages,
-            'saved': dict(repaired.saved),
-            'lost_bytes': repaired.lost_bytes,
-            'lost_chunks_s': [(last - first) / 1e9 for first, last in repaired.lost_spans_ns],
-            'problems': repaired.problems,
-            'left_out': repaired.left_out,
-        }
-        lines += [f'repaired: {repaired}', *(f'  {problem}' for problem in repaired.problems)]
-        lines = [line.replace(REPAIR, '') for line in lines]  # it is what has just been done
-        return Found(document, lines, 1 if repaired.left_out else 0)
-    return Found(document, lines, 1 if found is not None and found.problems else 0)
+    with progress('reading') as advance:
+        found = inspect(arguments.bag, advance)
+    document, lines = found.to_json(), _lines(found)
+    if not arguments.repair:
+        return Found(document, lines, 1 if found.problems else 0)
+    repaired = repair(arguments.bag, arguments.repair)
+    document['repair'] = {
+        'path': str(repaired.path),
+        'messages': repaired.messages,
+        'saved': dict(repaired.saved),
+        'lost_bytes': repaired.lost_bytes,
+        'lost_chunks_s': [(last - first) / 1e9 for first, last in repaired.lost_spans_ns],
+        'problems': repaired.problems,
+        'left_out': repaired.left_out,
+    }
+    told = {problem.text for problem in found.problems}
+    more = (f'  {problem}' for problem in repaired.problems if problem not in told)
+    lines = [line.replace(REPAIR, '') for line in lines]  # it is what has just been done
+    return Found(document, [*lines, f'repaired: {repaired}', *more], 1 if repaired.left_out else 0)
 
 
 def _lines(found: Inspection) -> list[str]:

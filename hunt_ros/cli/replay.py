@@ -11,6 +11,7 @@ from hunt_ros.bursts import evened
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.live_replay import replay_live
 from hunt_ros.cli.support.output import Found, progress
+from hunt_ros.cli.support.recorded_run import RecordedRun, recorded_run
 from hunt_ros.cli.support.replay_report import document, lines_of
 from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig, HuntingDetector
 from hunt_ros.detection.offline import collect, config_for, frequency_for
@@ -18,7 +19,6 @@ from hunt_ros.detection.replay import detect, samples_apart, watch
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.parameters import RigParameters
 from hunt_ros.errors import ConfigError
-from hunt_ros.recorded_run import RecordedRun, recorded_run
 from hunt_ros.rig import refuse_other
 from hunt_ros.samples import CHANNELS, Record
 from hunt_ros.sensors import DISPLACEMENTS

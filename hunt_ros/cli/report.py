@@ -10,11 +10,11 @@ from hunt_ros.bag import Bag
 from hunt_ros.bag.clips import clips_of
 from hunt_ros.cli.support import options
 from hunt_ros.cli.support.output import Found, progress
+from hunt_ros.cli.support.recorded_run import recorded_events
 from hunt_ros.cli.support.recordings import add_recordings, identified, settings_of
 from hunt_ros.errors import ConfigError
 from hunt_ros.files import write_whole
 from hunt_ros.identification import Identification, identify
-from hunt_ros.recorded_run import recorded_events
 from hunt_ros.report.alarms import load_of
 from hunt_ros.report.comparison import MOST
 from hunt_ros.report.compose import Report
@@ -56,8 +56,9 @@ def run(arguments: argparse.Namespace) -> Found:
             events[record.source], clearances[record.source] = found, held
             with Bag(path := Path(record.source)) as bag:
                 live = recorded_events(bag)
-            for remark in bag.remarks:
-                print(f'hunt report: damaged: {remark}', file=sys.stderr)
+            for problem in map(str, bag.problems):
+                if problem not in record.notes.get('problems', ''):
+                    print(f'hunt report: damaged: {problem}', file=sys.stderr)
             told = found if live is None else live
             clips = [clip.name for clip in clips_of(path)]
             loads.append(load_of(told, record, live is not None, clips))

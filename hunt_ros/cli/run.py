@@ -22,15 +22,7 @@ from hunt_ros.dynamics.identified import NEWEST_FILE, IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
 from hunt_ros.rig import UNSTOPPED
 from hunt_ros.services import SERVICES
-from hunt_ros.suite import (
-    ALARM_OUTPUTS,
-    DRIVE,
-    LISTENERS,
-    NODES,
-    SIMULATOR,
-    hold,
-    sources_of,
-)
+from hunt_ros.suite import ALARM_OUTPUTS, DRIVE, LISTENERS, NODES, SIMULATOR, hold, sources_of
 
 EXAMPLE = 'hunt run --simulated --normal-form bags/paper.yaml --duration 60'
 

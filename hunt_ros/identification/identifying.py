@@ -26,12 +26,7 @@ from hunt_ros.identification.bracket import bracket_of
 from hunt_ros.identification.executors import Mapper, Tell, collected, mapper
 from hunt_ros.identification.fit import fit_law
 from hunt_ros.identification.likelihood.path import Path
-from hunt_ros.identification.preparation import (
-    Recording,
-    Source,
-    motion_in,
-    runs_in,
-)
+from hunt_ros.identification.preparation import Recording, Source, motion_in, runs_in
 from hunt_ros.identification.record.channels import runs as spans
 from hunt_ros.identification.record.envelope import (
     STEP_CYCLES,

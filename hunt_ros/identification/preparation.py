@@ -20,15 +20,8 @@ from hunt_ros.bursts import bursts_of
 from hunt_ros.errors import IdentificationError
 from hunt_ros.estimation.record_motion import Motion, turns_per_metre
 from hunt_ros.identification.record.channels import Channels, refuse, speed_step
-from hunt_ros.identification.record.envelope import (
-    FEWEST_SAMPLES,
-    WINDOW_CYCLES,
-    without_beat,
-)
-from hunt_ros.identification.record.hunting_frequency import (
-    motion_of_channels,
-    tracked_envelope,
-)
+from hunt_ros.identification.record.envelope import FEWEST_SAMPLES, WINDOW_CYCLES, without_beat
+from hunt_ros.identification.record.hunting_frequency import motion_of_channels, tracked_envelope
 from hunt_ros.identification.record.kicks import find_kicks
 from hunt_ros.identification.record.screening import (
     Digest,

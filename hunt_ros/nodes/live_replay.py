@@ -19,6 +19,7 @@ from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 
 from hunt_ros.bag import ChannelSource, read_record
+from hunt_ros.bag.clocks import going_on
 from hunt_ros.bag.record_writer import messages_of
 from hunt_ros.errors import BagError, ConfigError
 from hunt_ros.nodes.support.conversions import message_class, to_time
@@ -28,7 +29,7 @@ from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import MEASUREMENTS, stream
 from hunt_ros.nodes.support.worker import offer
-from hunt_ros.samples import NANOSECONDS
+from hunt_ros.samples import NANOSECONDS, Record, Series
 from hunt_ros.sensors import DISPLACEMENTS, MOTION
 from hunt_ros.settings import Settings, setting
 from hunt_ros.suite import PAGE
@@ -66,8 +67,9 @@ class LiveReplayNode(SuiteNode):
         if not config.bag:
             raise ConfigError('live_replay: the parameter bag names no recording')
         record = read_record(config.bag, [ChannelSource.parse(word) for word in config.channels])
-        if bursts := record.notes.get('bursts'):
-            self.get_logger().warning(bursts)
+        for told in filter(None, map(record.notes.get, ('bursts', 'problems'))):
+            self.get_logger().warning(told)
+        record = Record({n: Series(going_on(x.stamps_ns), x.values) for n, x in record.items()})
         if not set(DISPLACEMENTS) & set(record):
             raise BagError(f'{config.bag}: neither {" nor ".join(DISPLACEMENTS)} in it')
         self._began_ns, self._length_s = record.start_ns, record.duration_s

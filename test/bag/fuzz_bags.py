@@ -29,8 +29,7 @@ from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from hunt_ros.bag import Bag, read_record
 from hunt_ros.bag.inspection import inspect
-from hunt_ros.bag.mcap.layout import Layout
-from hunt_ros.bag.mcap.records import records
+from hunt_ros.bag.mcap.records import CHUNK, records, unpack_chunk
 from hunt_ros.bag.messages import read_raw, read_texts
 from hunt_ros.bag.repair import repair
 from hunt_ros.errors import BagError
@@ -124,7 +123,11 @@ def shuffle_records(rng: np.random.Generator, data: bytearray) -> bytearray:
 
 def with_its_crc(rng: np.random.Generator, data: bytearray) -> bytearray:
     """Damage the messages of an uncompressed chunk, or the summary, and put its CRC right."""
-    chunks = Layout(memoryview(bytes(data))).chunks
+    chunks = []
+    with suppress(ValueError):  # damaged before, or a database
+        for opcode, at, length in records(data, 8, len(data) - 8):
+            if opcode == CHUNK:
+                chunks.append(unpack_chunk(data, at, length))
     places = [(c.data, c.end, c.offset + 33) for c in chunks if c.compression == '' and c.stored]
     begin, end = int.from_bytes(data[-28:-20], 'little'), len(data) - 12
     if 8 < begin < end and (not places or rng.integers(2)):

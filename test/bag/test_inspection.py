@@ -13,7 +13,7 @@ from bags_made import make_record, write_mcap, write_rosbags
 
 from hunt_ros.bag import read_record, write_record
 from hunt_ros.bag.inspection import inspect
-from hunt_ros.bag.mcap.layout import Layout
+from hunt_ros.bag.mcap.file import McapFile
 from hunt_ros.bag.mcap.records import FOOTER_SIZE, MESSAGE_PREFIX, RECORD
 from hunt_ros.samples import Record, Series
 
@@ -56,8 +56,8 @@ def test_messages_that_a_file_without_an_index_has_lost_are_missed(tmp_path) -> 
     """Its statistics say how many there were."""
     file = write_mcap(tmp_path / 'a.mcap', make_record(seconds=0.1), use_chunking=False)
     whole = bytearray(file.read_bytes())
-    layout = Layout(memoryview(bytes(whole)))
-    place = int(next(iter(layout.loose.values())).starts[7]) - MESSAGE_PREFIX
+    with closing(McapFile(file)) as opened:
+        place = int(next(iter(opened.loose.values())).starts[7]) - MESSAGE_PREFIX
     length = int.from_bytes(whole[place + 1 : place + 9], 'little')
     del whole[place : place + 9 + length]
     moved = len(whole) - FOOTER_SIZE + 9
@@ -88,7 +88,8 @@ def test_times_in_the_head_of_a_chunk_change_no_time_of_a_message(tmp_path, off_
     record = make_record(seconds=2.0)
     file = write_mcap(tmp_path / 'run.mcap', record, chunk_size=1 << 20)
     raw = bytearray(file.read_bytes())
-    place = Layout(memoryview(bytes(raw))).chunks[0].offset + RECORD.size
+    with closing(McapFile(file)) as opened:
+        place = opened.chunks[0].offset + RECORD.size
     times = struct.unpack_from('<QQ', raw, place)
     moved = [at + round(1e9 * off) for at, off in zip(times, off_s, strict=True)]
     struct.pack_into('<QQ', raw, place, *moved)
@@ -96,3 +97,28 @@ def test_times_in_the_head_of_a_chunk_change_no_time_of_a_message(tmp_path, off_
     found = inspect(file)
     assert (found.problems, found.duration_s) == ([], pytest.approx(record.duration_s))
     assert found.start_ns == record.start_ns
+
+
+def test_a_channel_without_a_number_is_not_sound(tmp_path) -> None:
+    record = make_record(seconds=1.0)
+    lateral = Series(record['lateral'].stamps_ns, np.full(len(record['lateral']), np.nan))
+    write_record(tmp_path / 'run', Record({**record, 'lateral': lateral}))
+    (problem,) = inspect(tmp_path / 'run').problems
+    count = len(lateral)
+    told = f'channel lateral: none of {count} readings is a number'
+    assert (problem.kind, problem.text) == ('damaged_message', told)
+
+
+def test_a_chunk_shorter_than_a_message_is_told_in_words_of_a_recording(small, tmp_path) -> None:
+    (file,) = small.glob('*.mcap')
+    with closing(McapFile(file)) as opened:
+        key, *_ = opened.channels
+        described = bytes(opened.view[: opened.chunks[0].offset])
+    body = struct.pack('<QQQIIQ', 1, 1, 3, 0, 0, 3) + b'abc'
+    index = struct.pack('<HIQQ', key, 16, 1, 0)
+    records = RECORD.pack(6, len(body)) + body + RECORD.pack(7, len(index)) + index
+    short = tmp_path / 'a.mcap'
+    short.write_bytes(described + records + RECORD.pack(15, 4) + bytes(4))
+    told = [problem.text for problem in inspect(short).problems]
+    assert told[-1].endswith('1 messages that are not those of their index are left out')
+    assert len(told) == 2, 'the end of the file is missing'

@@ -13,9 +13,9 @@ from hunt_ros.bag.cdr.message_types import standard_types
 from hunt_ros.bag.messages import DIAGNOSTIC_ARRAY, STRING, read_raw, read_statuses, read_texts
 from hunt_ros.bag.record_writer import messages_of
 from hunt_ros.cli.main import main
+from hunt_ros.cli.support.recorded_run import recorded_events
 from hunt_ros.detection import Level
 from hunt_ros.errors import BagError
-from hunt_ros.recorded_run import recorded_events
 
 
 def test_texts_are_found_by_their_last_name_and_absent_topics_are_empty(bag: Path) -> None:
@@ -42,7 +42,7 @@ def test_a_damaged_message_costs_itself_and_is_told_in_one_line(tmp_path: Path) 
         writer.write(key, 2, b'\x00\x01\x00\x00\x02\x00\x00\x00x\x00')
     with Bag(tmp_path / 'run') as bag:
         assert read_texts(bag, 't') == ['x']
-        (told,) = bag.remarks
+        (told,) = map(str, bag.problems)
     assert told.startswith('topic /t: 1 messages cannot be read (not a std_msgs/msg/String: ')
     assert '\n' not in told
 
@@ -63,12 +63,14 @@ def test_what_was_said_live_is_read_from_the_recording(tmp_path: Path) -> None:
     assert read == {'event': 'escaping', 'cause': 'why', 'level': '2', 'message': 'it grows',
                     'stamp_ns': '7000000005'}  # fmt: skip
     assert read_statuses(tmp_path / 'run', 'hunting/status') == []
-    (event,) = recorded_events(tmp_path / 'run') or ()
+    with Bag(tmp_path / 'run') as recording:
+        (event,) = recorded_events(recording) or ()
     assert (event.stamp_ns, event.event, event.level) == (7_000_000_005, 'escaping', Level.ERROR)
 
 
 def test_a_recording_without_a_detector_has_no_events(bag: Path) -> None:
-    assert recorded_events(bag) is None
+    with Bag(bag) as recording:
+        assert recorded_events(recording) is None
 
 
 def test_a_damaged_journal_costs_no_replay_and_a_damaged_event_no_report(

@@ -17,8 +17,7 @@ from rosbags.rosbag2 import StoragePlugin
 
 from hunt_ros.bag import Bag, BagWriter, read_record, write_record
 from hunt_ros.bag.inspection import inspect
-from hunt_ros.bag.mcap.file import McapFile
-from hunt_ros.bag.mcap.layout import walked_places
+from hunt_ros.bag.mcap.file import McapFile, walked_places
 from hunt_ros.bag.mcap.records import MESSAGE_PREFIX, expand_chunk
 from hunt_ros.bag.messages import read_raw
 from hunt_ros.bag.repair import BeingRecorded, finalise, finalise_left, repair
@@ -67,7 +66,7 @@ def test_every_prefix_is_read_inspected_and_repaired(small: Path, tmp_path: Path
 
 def test_a_chunk_that_was_cut_counts_as_lost(small: Path, tmp_path: Path) -> None:
     with Bag(small) as bag:
-        last = bag.files[0].layout.chunks[-1]
+        last = bag.files[0].chunks[-1]
     file = tmp_path / 'cut.mcap'
     file.write_bytes((small / 'run_0.mcap').read_bytes()[: last.end - 1])
     assert repair(file, tmp_path / 'saved').lost_bytes == last.end - 1 - last.offset
@@ -75,7 +74,7 @@ def test_a_chunk_that_was_cut_counts_as_lost(small: Path, tmp_path: Path) -> Non
 
 def test_a_chunk_with_a_wrong_crc_is_named_and_left_out(small: Path, tmp_path: Path) -> None:
     with Bag(small) as bag:
-        chunks = bag.files[0].layout.chunks
+        chunks = bag.files[0].chunks
     data = bytearray((small / 'run_0.mcap').read_bytes())
     bad = chunks[len(chunks) // 2]
     data[bad.data + bad.stored // 2] ^= 0x10
@@ -99,7 +98,7 @@ def test_zeros_in_a_frame_without_a_crc_are_never_read_as_numbers(tmp_path: Path
     record = make_record(seconds=0.4)
     file, spoilt = write_mcap(tmp_path / 'a.mcap', record, enable_crcs=False), tmp_path / 'b.mcap'
     with closing(McapFile(file)) as opened:
-        chunk = opened.layout.chunks[1]
+        chunk = opened.chunks[1]
     told = 0
     for at in range(chunk.data + 12, chunk.end - 64, 61):
         data = bytearray(file.read_bytes())
@@ -116,7 +115,7 @@ def test_zeros_in_a_frame_without_a_crc_are_never_read_as_numbers(tmp_path: Path
 
 def test_damage_to_a_length_loses_that_chunk_and_no_other(small: Path, tmp_path: Path) -> None:
     with Bag(small) as bag:
-        chunks = bag.files[0].layout.chunks
+        chunks = bag.files[0].chunks
     data = bytearray((small / 'run_0.mcap').read_bytes())
     bad = chunks[1]
     data[bad.offset + 1 : bad.offset + 9] = (1 << 63).to_bytes(8, 'little')  # 8 EiB
@@ -136,7 +135,7 @@ def test_a_chunk_that_claims_8_eib_is_refused(tmp_path: Path, compression) -> No
         path = write_messages(tmp_path / 'run', make_record(seconds=0.05))
     (file,) = path.glob('*.mcap')
     with Bag(path) as bag:
-        (chunk,) = bag.files[0].layout.chunks
+        (chunk,) = bag.files[0].chunks
     data = bytearray(file.read_bytes())
     at = chunk.offset + 9 + 16
     data[at : at + 8] = ((1 << 63) - 1).to_bytes(8, 'little')
@@ -151,7 +150,7 @@ def test_a_chunk_that_claims_8_eib_is_refused(tmp_path: Path, compression) -> No
 def test_a_missing_index_is_made_good(small: Path, tmp_path: Path) -> None:
     """An index that contradicts its chunk is not believed: the chunk is walked."""
     with Bag(small) as bag:
-        layout = bag.files[0].layout
+        layout = bag.files[0]
         places = [place for index in layout.indexes.values() for place in index.values()]
     data = bytearray((small / 'run_0.mcap').read_bytes())
     for offset, count in places:
@@ -295,6 +294,7 @@ def test_unchunked_files_and_split_folders_are_repaired(tmp_path: Path) -> None:
     (file,) = path.glob('*.mcap')
     shutil.copy(file, path / 'run_1.mcap')
     (path / 'run_2.mcap').write_bytes(file.read_bytes()[:-3000])
+    assert 'run_1.mcap is not named in metadata.yaml' in read_record(path).notes['problems']
     report = repair(path, tmp_path / 'out')
     assert len(list((tmp_path / 'out').glob('*.mcap'))) == 3
     assert report.messages > 2 * sum(map(len, record.values()))
@@ -325,8 +325,8 @@ def test_a_message_that_damage_has_swallowed_is_missed(tmp_path: Path) -> None:
     file = write_rosbags(tmp_path / 'run', make_record(seconds=0.2), plugin=StoragePlugin.MCAP)
     data = bytearray(file.read_bytes())
     with closing(McapFile(file)) as sound:
-        total = sound.layout.counts.total()
-        (chunk,) = sound.layout.chunks
+        total = sound.counts.total()
+        (chunk,) = sound.chunks
         places = walked_places(expand_chunk(sound.view, chunk))
         data[chunk.data + int(places[1].starts[7]) - MESSAGE_PREFIX] = 0
     file.write_bytes(data)
@@ -346,7 +346,7 @@ def test_damage_to_a_chunk_without_a_crc_costs_its_messages_alone(tmp_path: Path
     sound, data = message_set(file), bytearray(file.read_bytes())
     place = {'the kind': 0, 'the length': 3, 'the topic': 10, 'the log time': 20}
     with closing(McapFile(file)) as opened:
-        chunks = opened.layout.chunks
+        chunks = opened.chunks
         for chunk in chunks:
             starts = walked_places(expand_chunk(opened.view, chunk)).popitem()[1].starts
             at = chunk.data + int(starts[3]) - MESSAGE_PREFIX

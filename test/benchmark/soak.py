@@ -25,6 +25,7 @@ from usage import Usage, losses
 from hunt_ros.bag import read_record
 from hunt_ros.cli.support import suite
 from hunt_ros.cli.support.console import Console, Line
+from hunt_ros.cli.support.recorded_run import recorded_run
 from hunt_ros.cli.support.supervisor import Supervisor
 from hunt_ros.cli.support.view import View
 from hunt_ros.detection import HuntingDetector
@@ -32,7 +33,6 @@ from hunt_ros.detection.replay import detect, samples_apart
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.profile import Corners, Profile
-from hunt_ros.recorded_run import recorded_run
 from hunt_ros.suite import LISTENERS, SIMULATOR, SOURCES
 
 #: One round: quiet below v_n (6.4 m/s), quiet in the hysteresis region, up through v_c (8.0 m/s),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 
@@ -117,6 +118,13 @@ def test_a_file_that_cannot_be_used_is_named(refused, tmp_path, command, fault) 
     elif fault != 'missing':
         place.write_bytes({'binary': bytes(range(256)) * 8, 'empty': b''}[fault])
     assert 'given' in refused(command, FILE=file)
+
+
+@pytest.mark.parametrize('command', ['run --rig PIPE --simulated', 'check BAG --rig PIPE'])
+def test_a_rig_file_that_can_be_read_once_is_told_as_such(refused, tmp_path, command) -> None:
+    """As of `--rig <(...)`: what is read of it a second time is empty."""
+    os.mkfifo(tmp_path / 'pipe')
+    assert 'expected a file, got a pipe' in refused(command, PIPE=tmp_path / 'pipe')
 
 
 @pytest.mark.parametrize('verb', ['check', 'replay'])

@@ -12,6 +12,7 @@ from made import Values, changed, without
 
 from hunt_ros.bag import write_record
 from hunt_ros.bag.plausible import LARGEST
+from hunt_ros.cli import check as check_verb
 from hunt_ros.cli.main import main
 from hunt_ros.samples import Record, Series
 
@@ -190,7 +191,29 @@ def test_a_sensor_that_spikes_once_is_neither_dead_nor_coarse(check, size: float
     _, found = check(changed(_sound(), lateral=values))
     assert ('motion', 'lateral') not in found
     assert found['resolution', 'lateral']['value'] == pytest.approx(1e-6)
+    assert found['noise', 'lateral']['value'] == pytest.approx(NOISE_M, rel=0.1)
+    assert abs(found['filter', '']['value']) < 0.03
     assert found['range', 'lateral']['text'] == 'has 1 spike of one sample'
+
+
+def test_of_live_topics_an_impossible_reading_advises_no_recording(monkeypatch, tmp_path) -> None:
+    def told(name: str, series: Series) -> dict[str, object]:
+        values = series.values.tolist()
+        if name == 'lateral':
+            values[700] = 1e4
+        stamps = series.stamps_ns.tolist()
+        one = {'values': values, 'stamps_ns': stamps, 'arrivals_ns': stamps}
+        return one | {'publishers': ['/rig/a'], 'topic': f'/rig/{name}'}
+
+    heard = {name: told(name, series) for name, series in _sound().items()}
+    monkeypatch.setattr(check_verb, 'ask', lambda spec, namespace: heard)
+    out = tmp_path / 'found.json'
+    main(['check', '--directory', str(tmp_path), '--json', str(out)])
+    found = json.loads(out.read_text())['checks']
+    (damage,) = (one for one in found if one['check'] == 'damage')
+    assert '1 readings of up to 1e+04' in damage['text']
+    assert 'its cable' in damage['advice']
+    assert not any('hunt info' in one['advice'] for one in found)
 
 
 @pytest.mark.parametrize('lost', [np.nan, np.inf])

@@ -12,6 +12,7 @@ from hunt_ros.cli.support.options import Parser
 from hunt_ros.cli.support.recordings import add_recordings, settings_of
 from hunt_ros.dynamics.growth_law import GrowthLaw
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
+from hunt_ros.errors import HuntError
 from hunt_ros.identification import Identification
 
 
@@ -32,6 +33,18 @@ def test_a_bag_gives_json_and_a_parameter_file(bag, tmp_path, capsys):
     # Beside the parameter file stands all that was learnt.
     whole = Identification.load(out.with_suffix('.npz'), form)
     assert whole.to_json() == document
+
+
+def test_a_disk_that_refuses_leaves_no_form_without_its_identification(
+    bag, tmp_path, monkeypatch, capsys
+):
+    def refuse(path, content, what):
+        raise HuntError(f'{path}: cannot write the {what} (No space left on device)')
+
+    monkeypatch.setattr('hunt_ros.cli.identify.write_whole', refuse)
+    assert main(['identify', str(bag), '--out', str(tmp_path / 'form.yaml')]) == 2
+    assert 'form.npz: cannot write the identification' in capsys.readouterr().err
+    assert not [*tmp_path.iterdir()]
 
 
 def test_json_alone_stands_on_standard_output(bag, capsys):

@@ -11,11 +11,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from hunt_ros.bag import read_record
+from hunt_ros.cli.support.recorded_run import recorded_run
 from hunt_ros.detection import HuntingDetector
 from hunt_ros.detection.replay import detect, samples_apart
 from hunt_ros.nodes.support.conversions import to_ns
 from hunt_ros.nodes.support.qos import latched
-from hunt_ros.recorded_run import recorded_run
 
 pytestmark = pytest.mark.slow
 

@@ -109,3 +109,18 @@ def test_a_replay_waits_for_who_judges_and_not_for_the_page(graph) -> None:
     assert {each.get('listening') for each in told('live_replay')} == {'False'}
     lateral = graph.collect(JointState, 'lateral')
     graph.spin_until(lambda: lateral)
+
+
+def test_a_recording_whose_clock_was_set_back_is_played_as_it_was_made(graph) -> None:
+    stamps = 1_700_000_000_000_000_000 + 5_000_000 * np.arange(400)
+    stamps[200:] -= 600_000_000
+    values = 1e-6 * np.arange(400)
+    bag = graph.folder / 'bag'
+    write_record(bag, Record({name: Series(stamps, values) for name in ('lateral', 'speed')}))
+    health = graph.told(of='/live_replay')
+    lateral = graph.collect(JointState, 'lateral')
+    graph.start('live_replay', bag=bag)
+    graph.spin_until(lambda: health.says('finished') and len(lateral) == 400)
+    assert [message.position[0] for message in lateral] == values.tolist()
+    heard = [to_ns(message.header.stamp) for message in lateral]
+    assert heard == sorted(heard)

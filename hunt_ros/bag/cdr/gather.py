@@ -8,6 +8,7 @@ left is walked message by message.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from typing import NamedTuple, TypeAlias
 
@@ -46,19 +47,24 @@ class Gathered(NamedTuple):
     """
     Log times, header stamps (ns) and values, shape (n,), in the order of the places.
 
-    `joints` are the names of those taken, `others` those in messages that were passed over, and
-    `empty` is how many of these name the joint, or none, and hold no number. `unread` is how many
-    have no such element or are not of their type, and `why` what is wrong with one of them.
+    `named` tells which of them have the name that is wanted, `joints` are the names of all that
+    were taken, `others` those in messages of other joints; `passed` counts the messages that have
+    no number where one is expected, by what is wrong with them.
     """
 
     log_ns: NDArray[np.int64]
     stamps_ns: NDArray[np.int64]
     values: NDArray[np.float64]
+    named: NDArray[np.bool_]
     joints: set[str]
     others: set[str]
-    empty: int
-    unread: int = 0
-    why: str = ''
+    passed: Counter[str]
+
+    def of_name(self) -> Gathered:
+        """Return those of the name that is wanted alone."""
+        log_ns, stamps = self.log_ns[self.named], self.stamps_ns[self.named]
+        values, others = self.values[self.named], self.others | self.joints
+        return self._replace(log_ns=log_ns, stamps_ns=stamps, values=values, others=others)
 
 
 def gather(block: Block, places: Places, wanted: Wanted) -> Gathered:
@@ -80,25 +86,25 @@ def gather(block: Block, places: Places, wanted: Wanted) -> Gathered:
         If the field is no number, whatever the message.
     """
     stamps, values = places.log_ns.copy(), np.empty(places.starts.size)
-    kept = np.ones(places.starts.size, dtype=bool)
+    kept, named = np.ones((2, places.starts.size), dtype=bool)
     joints: set[str] = set()
     others: set[str] = set()
-    empty, unread, why = 0, 0, ''
+    passed: Counter[str] = Counter()
     for rows, layout in _layouts(block, places, wanted):
-        if layout.why:
-            unread, why = unread + 1, layout.why
-            kept[rows] = False
-        elif layout.field is None:
-            others.add(layout.joint)
-            kept[rows] = False
-            empty += places.starts[rows].size * layout.empty
-        else:
+        if layout.field is not None:
             joints.add(layout.joint)
+            named[rows] = layout.joint == wanted.joint
             _take(block.data, places.starts[rows], layout, rows, stamps, values)
+            continue
+        kept[rows] = False
+        if layout.why:
+            passed[layout.why] += places.starts[rows].size
+        else:
+            others.add(layout.joint)
     log_ns = places.log_ns
     if not kept.all():
-        log_ns, stamps, values = log_ns[kept], stamps[kept], values[kept]
-    return Gathered(log_ns, stamps, values, joints, others, empty, unread, why)
+        log_ns, stamps, values, named = log_ns[kept], stamps[kept], values[kept], named[kept]
+    return Gathered(log_ns, stamps, values, named, joints, others, passed)
 
 
 def _layouts(block: Block, places: Places, wanted: Wanted) -> Iterator[tuple[_Rows, _Layout]]:
@@ -112,7 +118,7 @@ def _layouts(block: Block, places: Places, wanted: Wanted) -> Iterator[tuple[_Ro
         except PathError:
             raise
         except ValueError as error:  # this one alone
-            return _Layout(None, None, 0, [], why=str(error))
+            return _Layout(None, None, 0, [], why=f'cannot be read ({error})')
 
     # While every message has fitted, all are addressed as they are, without selecting.
     left: _Rows = slice(None)
@@ -121,7 +127,7 @@ def _layouts(block: Block, places: Places, wanted: Wanted) -> Iterator[tuple[_Ro
         if not rows.size:
             return
         layout = layout_of(int(rows[0]))
-        if layout.why:
+        if not layout.end:
             yield rows[:1], layout
             left = rows = rows[1:]
             continue
@@ -139,8 +145,9 @@ class _Layout(NamedTuple):
     """
     Where the field and the stamp lie, and the bytes that tell a message of this layout.
 
-    Without the joint that is wanted, `field` is None; `joint` names those there are, and `empty`
-    says that the number alone is missing. `why` says what is wrong with a message that is of none.
+    Without the number that is wanted, `field` is None, and `why` says what is wrong; where another
+    joint has one that is nothing, and `joint` names those there are. `end` is 0 where no other
+    message is like it.
     """
 
     field: FieldPlace | None
@@ -148,7 +155,6 @@ class _Layout(NamedTuple):
     end: int
     checks: list[tuple[int, str, int]]
     joint: str = ''
-    empty: bool = False
     why: str = ''
 
 
@@ -170,7 +176,8 @@ def _layout(message: bytes, wanted: Wanted) -> _Layout:
             more = f' and {len(names) - 12} more' if len(names) > 12 else ''
             shown = f'{", ".join(names[:12]) or "none"}{more}'
             end = max(at + len(raw) for at, raw in expected.items())
-            return _Layout(None, None, end, _checks(expected), shown, there or not names)
+            why = f'hold no {path[0]} of {wanted.joint!r}' if there or not names else ''
+            return _Layout(None, None, end, _checks(expected), shown, why)
         path = (*path, element)
         joint = wanted.joint if not alone else ''.join(names)
     field = locate(wanted.definitions, wanted.type, message, path)

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.bag.channels import Channels, ChannelSource, channel_map
-from hunt_ros.bag.columns import read_record, refuse_years, with_constants
+from hunt_ros.bag.clocks import refuse_years
+from hunt_ros.bag.columns import read_record, with_constants
 from hunt_ros.bag.interchange.tables import Table, load_table, select
 from hunt_ros.bag.plausible import NO_READING
 from hunt_ros.bag.reader import ROS_1, STORAGES, storage_kind
@@ -171,8 +172,15 @@ def _clocks(
                     f' {source.source}*86400 of days)'
                 )
         clocks = dict.fromkeys(columns, times) | clocks
-    first = min((int(stamps[0]) for stamps in clocks.values() if stamps.size), default=NANOSECONDS)
-    shift = max(0, NANOSECONDS - first)
+    begins = {int(stamps[0]): name for name, stamps in clocks.items() if stamps.size}
+    ends = {int(stamps[-1]): name for name, stamps in clocks.items() if stamps.size}
+    between = max(begins, default=0) - min(ends, default=0)
+    if between > 0:
+        raise BagError(
+            f'{ends[min(ends)]} ends {between / NANOSECONDS:.3f} s before {begins[max(begins)]}'
+            ' begins, expected a time that they share (--rate takes them as sampled together)'
+        )
+    shift = max(0, NANOSECONDS - min(begins, default=NANOSECONDS))
     return {name: stamps + shift for name, stamps in clocks.items()}
 
 

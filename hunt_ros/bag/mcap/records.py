@@ -29,8 +29,6 @@ MESSAGE_HEAD = struct.Struct('<HIQQ')
 MESSAGE_PREFIX = RECORD.size + MESSAGE_HEAD.size
 #: Magic, footer record and its 20 bytes at the end of a complete file.
 FOOTER_SIZE = RECORD.size + 20 + len(MAGIC)
-#: Log times from here on do not fit into 63 bits: no clock says so.
-IMPOSSIBLE_NS = 1 << 63
 
 MESSAGE, CHUNK = int(Opcode.MESSAGE), int(Opcode.CHUNK)
 

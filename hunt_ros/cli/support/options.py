@@ -132,6 +132,12 @@ def new_folder(text: str) -> Path:
     return path
 
 
+def _rig_file(text: str) -> Path:
+    if (path := Path(text)).is_fifo():  # it is read several times, also by the nodes
+        raise argparse.ArgumentTypeError(f'expected a file, got a pipe, {text}')
+    return path
+
+
 def _json_target(text: str) -> str:
     return text if text == '-' else str(new_file()(text))
 
@@ -150,7 +156,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
         'type': _json_target, 'metavar': 'PATH|-', 'help': "the result as JSON; '-': stdout",
     },
     '--rig': {
-        'type': Path, 'action': 'append', 'default': [], 'metavar': 'FILE',
+        'type': _rig_file, 'action': 'append', 'default': [], 'metavar': 'FILE',
         'help': 'ROS parameter file that describes the rig and its nodes, as config/rig.yaml;'
         ' repeatable, a later one wins',
     },

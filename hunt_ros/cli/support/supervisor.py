@@ -34,16 +34,7 @@ from hunt_ros.cli.support.processes import NodeSpec, claim_domain, require_ros
 from hunt_ros.compiled import compile_all
 from hunt_ros.drivers.alarm_output import AlarmOutput, Condition
 from hunt_ros.errors import HuntError, one_line
-from hunt_ros.suite import (
-    AGAIN,
-    ALARM_OUTPUTS,
-    DRIVE,
-    GUARDS,
-    OPTIONAL,
-    SIMULATOR,
-    START_S,
-    SUITE,
-)
+from hunt_ros.suite import AGAIN, ALARM_OUTPUTS, DRIVE, GUARDS, OPTIONAL, SIMULATOR, START_S, SUITE
 
 _PR_SET_PDEATHSIG = 1
 #: What ends a run; all of them let it take the roller down and close its recording.

@@ -9,13 +9,7 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.estimation.tracker import layout as at
-from hunt_ros.estimation.tracker.algebra import (
-    lateral_density,
-    line,
-    measured,
-    told,
-    turned,
-)
+from hunt_ros.estimation.tracker.algebra import lateral_density, line, measured, told, turned
 
 _F = NDArray[np.float64]
 

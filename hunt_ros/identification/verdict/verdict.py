@@ -26,11 +26,7 @@ from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.segments import Run, Segment
 from hunt_ros.identification.result import GIVEN, PAPERS, FitSummary, Identification, percent
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.identification.uncertainty import (
-    critical_speed_bound,
-    draw_laws,
-    law_covariance,
-)
+from hunt_ros.identification.uncertainty import critical_speed_bound, draw_laws, law_covariance
 from hunt_ros.identification.verdict.lack_of_fit import LackOfFit, lack_of_fit
 from hunt_ros.identification.verdict.reasons import reasons, resolved, unknown_of
 from hunt_ros.samples import Uncertain

@@ -421,6 +421,20 @@ def test_a_waveform_without_times_is_told_in_one_line(tmp_path, capsys, about, w
     assert words in line
 
 
+def test_waveforms_that_share_no_time_are_no_recording(tmp_path, capsys) -> None:
+    about = {'wf_increment': 0.002, 'wf_start_offset': 0.0}
+    begin = np.datetime64('2026-11-23T10:00:00', 'us')
+    file = tdms_of(
+        tmp_path,
+        lateral=(np.arange(600.0) * 1e-6, {**about, 'wf_start_time': begin}),
+        speed=(0.01 * np.arange(600), {**about, 'wf_start_time': begin + np.timedelta64(1, 'h')}),
+    )
+    assert main(['import', str(file), str(tmp_path / 'out')]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert 'lateral ends 3598.802 s before speed begins' in line
+    assert main(['import', str(file), str(tmp_path / 'out'), '--rate', '500']) == 0
+
+
 def test_a_channel_of_words_is_told_as_such(tmp_path, capsys) -> None:
     file = tdms_of(tmp_path, lateral=(['a'] * 60, {}), t=(np.arange(60.0), {}))
     assert main(['import', str(file), str(tmp_path / 'out')]) == 2

@@ -208,6 +208,15 @@ def test_a_set_point_that_cannot_be_moves_nothing(target: float) -> None:
         stream.advance(1)
 
 
+@pytest.mark.parametrize('targets', [[7.0, -1.0], [7.0, float('inf')], [6.5]])
+def test_a_set_point_that_is_refused_is_not_kept(targets: list[float]) -> None:
+    stream, other = (RollerRig(paper_rig(), seed=3) for _ in range(2))
+    with pytest.raises(ConfigError, match='finite and not negative'):
+        stream.advance(2, np.array(targets))
+    assert stream.target_speed == other.target_speed
+    np.testing.assert_array_equal(stream.advance(50).lateral, other.advance(50).lateral)
+
+
 def test_profiles_are_what_they_say() -> None:
     stairs = Profile(tuple(Hold(float(v), 10.0, 0.5) for v in (6.0, 7.0, 6.5)))
     at = [0, 10, 11, 12, 22, 22.5, 23, 33]

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
+from hunt_ros.bag import Bag
+from hunt_ros.bag.messages import read_statuses, read_texts
 from hunt_ros.detection import CompanionConfig, DetectorConfig, Event, JournalEntry, Level
 
-if TYPE_CHECKING:
-    from hunt_ros.bag import Bag
 
-_JOURNAL = 'hunting/journal'
-
-
-@dataclass(frozen=True)
-class RecordedRun:
+class RecordedRun(NamedTuple):
     """
     What a replay needs beside the samples to repeat a live run bit for bit.
 
@@ -37,14 +32,14 @@ class RecordedRun:
     unknown: list[str]
 
 
-def recorded_run(path: Path | Bag) -> RecordedRun | None:
+def recorded_run(bag: Path | Bag) -> RecordedRun | None:
     """
     Read the live run of a recording.
 
     Parameters
     ----------
-    path : Path or Bag
-        The recording; of messages that cannot be read its `remarks` tell.
+    bag : Bag
+        The recording; of messages that cannot be read its `problems` tell.
 
     Returns
     -------
@@ -56,9 +51,7 @@ def recorded_run(path: Path | Bag) -> RecordedRun | None:
     HuntError
         If its journal is there but cannot be read.
     """
-    from hunt_ros.bag.messages import read_texts
-
-    texts = read_texts(path, _JOURNAL)
+    texts = read_texts(bag, 'hunting/journal')
     journal = [JournalEntry.from_text(t) for text in texts for t in text.splitlines()]
     starts = [k for k, entry in enumerate(journal) if entry.kind == 'start' and entry.config]
     if not starts:
@@ -76,14 +69,14 @@ def recorded_run(path: Path | Bag) -> RecordedRun | None:
     )
 
 
-def recorded_events(path: Path | Bag) -> list[Event] | None:
+def recorded_events(bag: Bag) -> list[Event] | None:
     """
     Read what detector and interlock said live, in the order of time.
 
     Parameters
     ----------
-    path : Path or Bag
-        The recording; of messages that cannot be read its `remarks` tell.
+    bag : Bag
+        The recording; of messages that cannot be read its `problems` tell.
 
     Returns
     -------
@@ -96,13 +89,8 @@ def recorded_events(path: Path | Bag) -> list[Event] | None:
     HuntError
         If the events are there but cannot be read.
     """
-    from hunt_ros.bag.messages import read_statuses
-    from hunt_ros.bag.reader import opened
-
-    with opened(path) as bag:
-        heard = any(name.endswith('hunting/status') for name in bag.topics)
-        told = read_statuses(bag, 'hunting/events')
-    if not (heard or told):
+    told = read_statuses(bag, 'hunting/events')
+    if not (told or any(name.endswith('hunting/status') for name in bag.topics)):
         return None
     return sorted(
         (
