@@ -31,6 +31,7 @@ from importlib import import_module
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
+from subprocess import CalledProcessError, Popen
 from types import CodeType, FunctionType, ModuleType
 from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
@@ -166,9 +167,6 @@ def compile_all() -> int:
     int
         How many were compiled; 0 also where machine code can be kept nowhere, which is said.
     """
-    from concurrent.futures import ProcessPoolExecutor
-    from multiprocessing import get_context
-
     if not HAVE_COMPILER or is_complete():
         return 0
     for path in _kernel_files():
@@ -188,8 +186,17 @@ def compile_all() -> int:
         if missing:
             _say(f'compiling {len(missing)} kernels, once: about {_USUAL_S} s')
             count = min(os.cpu_count() or 1, len(missing))
-            with ProcessPoolExecutor(count, get_context('spawn')) as pool:
-                list(pool.map(_compile_one, missing))
+            # No pool of processes: each would first run the program that asks once more.
+            do = 'import sys; from hunt_ros import compiled; compiled._compile(sys.argv[1:])'
+            places = filter(None, [str(_PACKAGE.parent), os.environ.get('PYTHONPATH')])
+            env = {**os.environ, 'PYTHONPATH': os.pathsep.join(places)}
+            work = [
+                Popen([sys.executable, '-c', do, *missing[k::count]], env=env)
+                for k in range(count)
+            ]
+            codes = [process.wait() for process in work]
+            if any(codes):
+                raise CalledProcessError(1, 'hunt compile')
         _write(f'all.{_TAG}.{_sources()}.complete', '\n'.join(files.values()).encode())
         for path in (_PACKAGE / 'machine_code').glob(f'{_NAME}.*.{_TAG}.*.code'):
             # Of a kernel that is gone: a wheel would carry it on.
@@ -210,10 +217,11 @@ def load() -> None:
         _ready(kernel)
 
 
-def _compile_one(name: str) -> None:
-    """Compile a kernel, in a process that may know none yet."""
-    import_module(name.rpartition('.')[0])
-    _ready(KERNELS[name])
+def _compile(names: list[str]) -> None:
+    """Compile kernels, in a process that knows none yet."""
+    for name in names:
+        import_module(name.rpartition('.')[0])
+        _ready(KERNELS[name])
 
 
 def _ready(kernel: Any) -> bool:

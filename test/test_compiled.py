@@ -305,3 +305,28 @@ print(c.runs_compiled(), said)
 def test_no_way_through_a_live_detector_meets_a_kernel_that_is_not_compiled() -> None:
     compile_all()
     assert run(ALL_WAYS, hide=False).strip() == 'True []'
+
+
+@needs_numba
+def test_compiling_does_not_run_the_program_that_asks_once_more(tmp_path) -> None:
+    """It ran in each process of the pool, waited for the lock there, and that for ever."""
+    program = tmp_path / 'program.py'
+    program.write_text(
+        textwrap.dedent("""
+            print('runs', flush=True)
+            import hunt_ros.estimation.turning
+            from hunt_ros import compiled
+
+            compiled.is_complete = lambda: False
+            compiled._kernel_files = list
+            compiled._find = lambda name: None
+            compiled._write = lambda name, content: None
+            compiled._sources = str
+            compiled._TAG = 'none'  # no kernel is gone
+            print(compiled.compile_all(), 'compiled')
+        """)
+    )
+    told = python(str(program)).stdout
+    assert told.split('\n')[:1] == ['runs']
+    assert told.count('runs') == 1
+    assert told.rstrip().endswith('compiled')
