@@ -16,7 +16,7 @@ The weight of each hypothesis is its posterior probability, mixed at each mark a
 IEEE Trans. Autom. Control 33, 1988). What is damped begins to hunt as often as one false alarm is
 allowed to come (Shiryaev, Theory Probab. Appl. 8, 1963), and more often while the speed changes,
 by which cycles end and the noise walks as well. A kick is an amplitude that is as likely anywhere
-else: what lands clear of the noise hunts as likely as not, whatever it did before.
+else: what lands clear of the noise hunts in one of five cases, whatever it did before.
 
 An amplitude that is not clear of its own error may refute that it hunts, but does not support it:
 the filter that has no motion to follow moves smoothly. Called by the kernel of the decisions, row
@@ -41,7 +41,7 @@ _GROWING, _CYCLES, _LAWS = 7, 13, len(RATES)
 #: Intensities, m^2/s or rad^2/s: the least, and how many, each twice the last.
 _LEAST, _NOISES = 1e-20, 66
 #: Chance at a mark: of another rate of the same kind; that growth ends in a cycle; that the noise
-#: doubles, or halves; of a kick; that what was kicked hunts; and that it hunts at the start. That
+#: doubles, or halves; of a kick; that what it moved hunts; and that it hunts at the start. That
 #: hunting ends: at a mark, and for each relative change of the speed; that it begins, for that.
 _WALK, _SETTLES, _MOVES, _KICK, _LANDS, BEGINS = 0.03, 0.1, 0.003, 0.01, 0.2, 0.003
 _ENDS, _ENDS_AT, _BEGINS_AT = 1e-4, 0.3, 0.03
