@@ -16,7 +16,8 @@ The weight of each hypothesis is its posterior probability, mixed at each mark a
 IEEE Trans. Autom. Control 33, 1988). What is damped begins to hunt as often as one false alarm is
 allowed to come (Shiryaev, Theory Probab. Appl. 8, 1963), and more often while the speed changes,
 by which cycles end and the noise walks as well. A kick is an amplitude that is as likely anywhere
-else: what lands clear of the noise hunts in one of five cases, whatever it did before.
+else: what lands clear of the noise hunts in one of five cases, and hunts on where it did and went
+further.
 
 An amplitude that is not clear of its own error may refute that it hunts, but does not support it:
 the filter that has no motion to follow moves smoothly. Called by the kernel of the decisions, row
@@ -44,7 +45,7 @@ _LEAST, _NOISES = 1e-20, 66
 #: doubles, or halves; of a kick; that what it moved hunts; and that it hunts at the start. That
 #: hunting ends: at a mark, and for each relative change of the speed; that it begins, for that.
 _WALK, _SETTLES, _MOVES, _KICK, _LANDS, BEGINS = 0.03, 0.1, 0.003, 0.01, 0.2, 0.003
-_ENDS, _ENDS_AT, _BEGINS_AT = 1e-4, 0.3, 0.03
+_ENDS, _ENDS_AT, _BEGINS_AT = 1e-6, 0.3, 0.03
 #: Largest chance of any of them.
 _MOST = 0.3
 #: The noise doubles within a change of the speed of a third; a cycle follows it fourfold.
@@ -259,8 +260,11 @@ def _weigh(rules: Rules, memory: Any, a: float, s: float, clear: bool, least: fl
     kick = _KICK * math.exp(-_ANYWHERE) / a
     known = clear and told(memory)
     lands = _LANDS if known and a > _CLEAR * math.sqrt(memory['alone']) else 0.0
+    # What hunts and is kicked further goes on.
+    stays = 1.0 if clear and a > a0 else 0.0
     for j in range(_NOISES):
-        q, kicked, damped, usual = _noise(j), kick * w[:, j].sum(), 1e-300, 0.0
+        q, damped, usual = _noise(j), 1e-300, 0.0
+        kicked = kick * (w[:_GROWING, j].sum() + (1.0 - stays) * w[_GROWING:, j].sum())
         for h in range(_LAWS):
             rate = least if h == 0 else _rate(rules, h) * (-1.0 if h < _GROWING else 1.0)
             keep = math.exp(-rate * span) if h >= _CYCLES else math.exp(rate * span)
@@ -287,6 +291,7 @@ def _weigh(rules: Rules, memory: Any, a: float, s: float, clear: bool, least: fl
                 if not clear:
                     chance = min(chance, usual / damped)
                 kinds = _CYCLES - _GROWING if h < _CYCLES else _LAWS - _CYCLES
+                chance += kick * stays
                 hits = 0.5 * kicked * lands / kinds
             w[h, j] = w[h, j] * chance + hits
             if h >= _CYCLES and hits > 0.0:

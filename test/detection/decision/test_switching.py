@@ -84,3 +84,16 @@ def test_what_is_damped_by_less_than_the_least_damping_is_a_cycle_to_the_model_t
         memory = decisions.fresh_memory()
         decided(path, rules, memory=memory)
         assert (switching.hunts(memory[0]['motion']) > 0.99) == hunts
+
+
+def test_a_cycle_that_is_kicked_again_and_again_goes_on() -> None:
+    """Hands kick it to three times its amplitude, to which it returns: it was said to die out."""
+    t = np.arange(90 * ROWS) / ROWS
+    since = np.where(t < 40.0, np.inf, np.mod(t - 40.0, 4.0))
+    path = np.where(t < 20.0, 0.0, CYCLE * (1.0 + 2.0 * np.exp(-4.0 * since)))
+    hunting = 0
+    for seed in range(4):
+        rows = decided(np.abs(noise(90.0, 1.0, QUIET / 4.0, seed) + path), RULES, std=20e-6)
+        hunts = np.isin(rows['state'], (State.ESCAPING, State.LIMIT_CYCLE))
+        hunting += bool(hunts[40 * ROWS :].mean() > 0.98)
+    assert hunting >= 3
