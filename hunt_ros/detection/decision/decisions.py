@@ -31,8 +31,9 @@ from hunt_ros.detection.decision.rules import Rules, rows_of
 from hunt_ros.detection.output import ESTIMATE_DTYPE
 from hunt_ros.detection.regions import HELD, hold, region_of
 
-#: The noise of the quiet motion as it was seen last: mean square of its amplitude, m^2; the
-#: intensity D, m^2/s, and the deviation of its logarithm; NaN before it is known.
+#: The noise of the quiet motion as it was seen last: mean square of its amplitude, m^2, and the
+#: rows it was learnt from; the intensity D, m^2/s, and the deviation of its logarithm; NaN before
+#: it is known.
 _FLOOR: np.dtype[np.void] = np.dtype(
     [(name, np.float64) for name in ('square', 'learnt', 'intensity', 'spread')], align=True
 )
@@ -169,7 +170,7 @@ def decide(
         undecided |= out['state'] == states.QUIET and math.isnan(m['floor']['square'])
         if a > SMALLEST * form.fold_amplitude and out['state'] < states.ESCAPING:
             # A form may be wrong about the speed, and a floor be learnt on hunting: as large as a
-            # limit cycle, what does not fall is well neither as quiet nor as disturbed.
+            # limit cycle, what may hunt, or passes for quiet, is not well.
             undecided |= switching.hunts(m['motion']) > 1.0 - states.LIKELY
             undecided |= out['state'] == states.QUIET
         if known and not undecided:
