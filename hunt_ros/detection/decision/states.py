@@ -29,9 +29,9 @@ limit cycle  falls, or over                decaying     -
 *Beyond*: by the form, it reaches the limit cycle before it is quiet again with the set
 probability; *returns*: it does not. *Arrived*: it is on the stable branch. By the model that
 switches (`switching`): *growing*: it hunts, and grows rather than being in a cycle, where the form
-knows no limit cycle to escape to; *steady*: it hunts, is in a cycle, and may be the hunting of the
-form; *falls*: it does not hunt. *Over*: it does not, as likely as not, and is small beside what it
-was.
+knows no limit cycle to escape to; *steady*: it hunts, is in a cycle, may be the hunting of the
+form, and is not far below a limit cycle that it grows to by the form; *falls*: it does not hunt.
+*Over*: it does not, as likely as not, and is small beside what it was.
 The two are shown as one word, the `State`: while it hunts that of the hunting, else that of
 the motion. Called by the kernel of the decisions, row by row.
 """
@@ -45,6 +45,7 @@ import numpy as np
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.detection.decision import switching
+from hunt_ros.detection.decision.form import SMALLEST
 from hunt_ros.detection.decision.rules import Rules, rows_of
 from hunt_ros.detection.regions import HELD, State, hold
 
@@ -131,7 +132,12 @@ def judge(
     memory['disturbed'] = disturbed
     hunts, told = switching.hunts(motion), switching.told(motion)
     likely, falls = hunts > LIKELY, told and hunts < 1.0 - LIKELY
+    chance = out['escape_probability']
+    beyond = chance > (AS_LIKELY if hunting == ESCAPING else rules.probability_in)
+    beyond &= disturbed or math.isnan(quiet)
     steady = likely and motion['cycles'] > motion['grows']
+    # What the form has grow to more than twice the amplitude does so, slow as it may be.
+    steady &= not (beyond and a < SMALLEST * out['stable_amplitude'])
     growing = likely and not steady and math.isnan(out['stable_amplitude'])
     # What is left of it is small for sure: an estimate that has just begun anew knows little.
     small = not a + _SURE * s > _SAME * memory['reference']
@@ -140,9 +146,6 @@ def judge(
     over = switching.settled(motion) and small and not disturbed and seen
     # In strong noise a cycle dips into it; far below what it was it is over for sure.
     over &= hunts < AS_LIKELY or a + _SURE * s < _GONE * memory['reference']
-    chance = out['escape_probability']
-    beyond = chance > (AS_LIKELY if hunting == ESCAPING else rules.probability_in)
-    beyond &= disturbed or math.isnan(quiet)
     # A branch that comes from zero has the noise on it.
     arrived = chance > AS_LIKELY and a > _CYCLE * out['stable_amplitude']
     arrived &= disturbed or not math.isnan(out['unstable_amplitude'])

@@ -105,6 +105,15 @@ def test_the_limit_cycle_is_reached_kept_and_left() -> None:
     assert machine.feed(0.5 * CYCLE, 1.0, hunts=0.01) is State.DECAYING
 
 
+def test_what_grows_slowly_far_below_the_limit_cycle_of_the_form_is_not_in_it() -> None:
+    machine = Machine()
+    small = 0.16 * CYCLE  # as steady as a cycle, for a while
+    assert machine.feed(small, 1.0, HOLD, hunts=0.999, edge=0.1 * EDGE) is State.ESCAPING
+    assert machine.feed(small, 1.0, 1000, hunts=0.999, edge=0.1 * EDGE) is State.ESCAPING
+    # A form may be wrong about the size.
+    assert machine.feed(0.6 * CYCLE, 1.0, hunts=0.999) is State.LIMIT_CYCLE
+
+
 @settings(deadline=None, max_examples=40)
 @given(st.lists(st.floats(0.51, 0.949), min_size=5, max_size=200), st.sampled_from(list(State)))
 def test_chances_between_the_thresholds_never_raise_and_never_end_an_alarm(
