@@ -3,7 +3,7 @@ The decisions, row by row: what is quiet, what the form says, and what follows.
 
 One compiled kernel over a block of rows, with its memory in a record, so that an hour
 of rows costs a fraction of a second and the live detector runs the very same code on one
-row. Its parts are `likelihood` and `switching` (what the amplitude does, and the noise), `form`
+row. Its parts are `switching` (what the amplitude does, and the noise), `form`
 (what the form says), `states` and `limits` (what follows).
 """
 
@@ -231,12 +231,14 @@ def _learn(
         before = 0.0 if math.isnan(floor['square']) else floor['square']
         # What was kicked and dies out is more than noise alone makes.
         floor['square'] = before + weight * (min(a * a, motion['alone']) - before)
-        damping = -growth_at(form, v, 0.0) if predictable else 0.0
-        # What the tracker makes of the motion and what it misses add up to its mean square.
-        driven = max(damping * (floor['square'] + 2.0 * s * s), motion['driven'])
-        floor['intensity'] = 0.5 * driven
-        lasts = 2.0 * max(damping, rules.least_damping) * _FLOOR_S / rules.faster
-        floor['spread'] = math.hypot(_INTENSITY, 1.0 / math.sqrt(1.0 + lasts))
+        # A kick tells nothing of the noise, nor does the error of the filter behind it.
+        if a * a < states.CALM**2 * floor['square']:
+            damping = -growth_at(form, v, 0.0) if predictable else 0.0
+            # What the tracker makes of the motion and what it misses add up to its mean square.
+            driven = max(damping * (floor['square'] + 2.0 * s * s), motion['driven'])
+            floor['intensity'] = 0.5 * driven
+            lasts = 2.0 * max(damping, rules.least_damping) * _FLOOR_S / rules.faster
+            floor['spread'] = math.hypot(_INTENSITY, 1.0 / math.sqrt(1.0 + lasts))
     if not math.isnan(floor['square']):
         out['noise_floor'] = math.sqrt(floor['square'])
     elif switching.settled(motion) and s > 0.0:

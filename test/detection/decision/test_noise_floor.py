@@ -115,6 +115,20 @@ def test_what_was_kicked_and_dies_out_is_no_noise() -> None:
     assert floor.feed(quiet(1.0, 8e-6)) < 1.7 * before
 
 
+def test_a_kick_tells_nothing_of_the_intensity_nor_does_the_error_of_the_filter_behind_it() -> None:
+    form = IdentifiedNormalForm(PAPER_NORMAL_FORM)
+    memory = decisions.fresh_memory()
+    memory['outlook'] = OutlookTable(form).at(7.2, math.nan, 0.0, math.nan, 0.0)
+    memory['outlook']['quiet'] = 1.0
+    kicked = 80e-6 * np.exp(-0.5 * np.arange(2 * ROWS) / ROWS)
+    known = np.full(20 * ROWS + kicked.size, 1e-6)
+    known[20 * ROWS : 20 * ROWS + 40] = 40e-6
+    path = np.concatenate([quiet(20.0, 8e-6), kicked])
+    rows = decided(path, memory=memory, form=form_numbers(form), speed=7.2, std=known)
+    before = rows['noise_intensity'][20 * ROWS - 1]
+    assert rows['noise_intensity'][20 * ROWS :] == pytest.approx(before, rel=0.1)
+
+
 def test_noise_that_rises_is_followed_though_it_jumps_like_kicks() -> None:
     floor = Floor()
     floor.feed(quiet(40.0, 8e-6))
