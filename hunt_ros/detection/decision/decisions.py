@@ -31,11 +31,12 @@ from hunt_ros.detection.decision.rules import Rules, rows_of
 from hunt_ros.detection.output import ESTIMATE_DTYPE
 from hunt_ros.detection.regions import HELD, hold, region_of
 
-#: The noise of the quiet motion as it was seen last: mean square of its amplitude, m^2, and the
-#: rows it was learnt from; the intensity D, m^2/s, and the deviation of its logarithm; NaN before
-#: it is known.
+#: The noise of the quiet motion as it was seen last: mean square of its amplitude and of what the
+#: filter misses of it, m^2, and the rows they were learnt from; the intensity D, m^2/s, and the
+#: deviation of its logarithm; NaN before it is known.
 _FLOOR: np.dtype[np.void] = np.dtype(
-    [(name, np.float64) for name in ('square', 'learnt', 'intensity', 'spread')], align=True
+    [(name, np.float64) for name in ('square', 'missed', 'learnt', 'intensity', 'spread')],
+    align=True,
 )
 #: All that is remembered from row to row: by the part that owns it, and the doubts that are held;
 #: the causes of an alarm that last, the latched alarm, and that it has been acknowledged.
@@ -105,7 +106,7 @@ def kept(memory: NDArray[np.void], *, floor: bool, reference: bool) -> NDArray[n
     if reference:
         state['reference'] = old['reference']
     if floor:
-        for name in ('square', 'learnt'):
+        for name in ('square', 'missed', 'learnt'):
             fresh['floor'][name] = memory['floor'][name]
     return fresh
 
@@ -233,9 +234,10 @@ def _learn(
         floor['square'] = before + weight * (min(a * a, motion['alone']) - before)
         # A kick tells nothing of the noise, nor does the error of the filter behind it.
         if a * a < states.CALM**2 * floor['square']:
+            floor['missed'] += weight * (2.0 * s * s - floor['missed'])
             damping = -growth_at(form, v, 0.0) if predictable else 0.0
             # What the tracker makes of the motion and what it misses add up to its mean square.
-            driven = max(damping * (floor['square'] + 2.0 * s * s), motion['driven'])
+            driven = max(damping * (floor['square'] + floor['missed']), motion['driven'])
             floor['intensity'] = 0.5 * driven
             lasts = 2.0 * max(damping, rules.least_damping) * _FLOOR_S / rules.faster
             floor['spread'] = math.hypot(_INTENSITY, 1.0 / math.sqrt(1.0 + lasts))
