@@ -115,7 +115,7 @@ def test_what_was_kicked_and_dies_out_is_no_noise() -> None:
     assert floor.feed(quiet(1.0, 8e-6)) < 1.7 * before
 
 
-def test_a_kick_tells_nothing_of_the_intensity_nor_does_the_error_of_the_filter_behind_it() -> None:
+def test_neither_a_kick_nor_the_error_of_the_filter_behind_it_tells_of_the_intensity() -> None:
     form = IdentifiedNormalForm(PAPER_NORMAL_FORM)
     memory = decisions.fresh_memory()
     memory['outlook'] = OutlookTable(form).at(7.2, math.nan, 0.0, math.nan, 0.0)
