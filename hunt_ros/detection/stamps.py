@@ -73,6 +73,14 @@ class _Queue:
         self.newest_ns = later.newest_ns
         self.run_ns, self.before_run_ns = later.run_ns, later.before_run_ns
 
+    def split(self, until_ns: int) -> _Queue:
+        """Move what waits with later stamps into a queue of its own."""
+        later, place = _Queue(), bisect_right(self.stamps, until_ns)
+        later.extend(self)
+        later._remove(slice(place))
+        self._remove(slice(place, None))
+        return later
+
     def take(self, until_ns: int) -> tuple[Stamps, Values, Marks, tuple[int, float] | None]:
         """Remove the samples with stamp <= until_ns, and look at the next one."""
         end = bisect_right(self.stamps, until_ns)
