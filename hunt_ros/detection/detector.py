@@ -75,7 +75,7 @@ class HuntingDetector:
         self._transitions = Transitions(self._basis())
         timeouts = {name: config.timeout_ns(name) for name in CHANNELS if name in config.channels}
         self._door = Door(timeouts, config.period_ns)
-        self.clearances = Clearances(config)
+        self.clearances = Clearances(self._rows.config)
         self._last_row: np.void | None = None
         self._sequence = 0
         text = '' if self._form is None else self._form.to_yaml()
@@ -143,7 +143,7 @@ class HuntingDetector:
         self._rows.set_normal_form(form)
         self._door.note('normal_form', text='' if form is None else form.to_yaml())
         self._transitions.basis = self._basis()
-        self.clearances.begin_anew()
+        self.clearances.begin_anew(self._rows.config)
         row = self._last_row
         output = self._advance()
         if row is None:
@@ -154,7 +154,7 @@ class HuntingDetector:
 
     def _basis(self) -> Basis:
         """Return what the words compare the numbers with."""
-        return Basis(self.config, *self._rows.boundaries, self._form)
+        return Basis(self._rows.config, *self._rows.boundaries, self._form)
 
     def reconfigure(self, config: DetectorConfig) -> Output:
         """

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from hunt_ros.compiled import B1, F1, R1, compiled
 from hunt_ros.detection import doubts
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 
 #: Sensors contradict each other beyond this many standard deviations, or where one shows less than
 #: this part of what the other tells, or nothing of what it would show if it were so many times as
@@ -24,7 +23,7 @@ _CONTRARY, _PART, _POOR, _AGREE_S = 3.0, 0.5, 10.0, 0.5
 #: seem small at the peak: what was shared is until the line has less than the last part.
 _NEAR, _SHARED, _STILL = 0.1, 0.25, 0.1
 #: The speed changes where it is off by this part from what it was over the memory of the slowest
-#: line (the least bandwidth in `tracker.tuning`), s at `REFERENCE_HZ`.
+#: line (the least bandwidth in `tracker.tuning`), s of the reference rig.
 _CHANGED, _MEMORY_S = 0.02, 20.0
 #: The turning of the roller is averaged over this time, s: an encoder counts whole steps. What
 #: the mean of the mean lags behind is added, so that none lags behind a steady change.
@@ -42,7 +41,7 @@ class Turning:
     """
 
     def __init__(self, config: DetectorConfig) -> None:
-        self._memory_s = _MEMORY_S * REFERENCE_HZ / config.hunting_frequency_hz
+        self._memory_s = _MEMORY_S / config.faster
         self._memory = np.full(4, math.nan)
         self._last_ns = 0
 

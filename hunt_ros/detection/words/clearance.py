@@ -18,14 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.detection import doubts, health
-from hunt_ros.detection.configuration import DetectorConfig, with_frequency
+from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.output import blank_rows, joined_rows
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.detection.words.reasons import reason_counts
-from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.samples import CHANNELS, NANOSECONDS, as_json
 
-#: Of a rig that hunts at `REFERENCE_HZ`, s: twice the time constant of the noise floor, some
+#: Of the reference rig, s: twice the time constant of the noise floor, some
 #: sixty periods, which tell a mean square to 13 %. As many periods of any other rig.
 _LEAST_S = 20.0
 #: A speed is held while it stays within this band, m/s or a part of it: half a percent of v_c
@@ -161,14 +160,13 @@ class Clearances:
     """
 
     def __init__(self, config: DetectorConfig) -> None:
-        tuned_hz = with_frequency(config).hunting_frequency_hz
-        self.least_s = math.ceil(_LEAST_S * REFERENCE_HZ / tuned_hz)
-        self.margin_in = config.margin_in
         self.ended: deque[Clearance] = deque(maxlen=_KEPT)
-        self.begin_anew()
+        self.begin_anew(config)
 
-    def begin_anew(self) -> None:
-        """Forget the hold that is under way: another form, a pause."""
+    def begin_anew(self, config: DetectorConfig) -> None:
+        """Forget the hold that is under way: there is another form."""
+        self.least_s = math.ceil(_LEAST_S / config.faster)
+        self.margin_in = config.margin_in
         #: Rows of the second that is not over yet.
         self._open = blank_rows(np.zeros(0, dtype=np.int64))
         self._end_hold()

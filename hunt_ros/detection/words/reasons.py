@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.detection import doubts, health
-from hunt_ros.detection.configuration import DetectorConfig, with_frequency
+from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.decision import states
 from hunt_ros.detection.decision.decisions import MARGIN_RESTORE_S
 from hunt_ros.detection.decision.limits import LIMITS, limit_cause
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.samples import CHANNELS, Uncertain
 
 _HUNTING = {State.ESCAPING: 'escaping from the quiet state', State.LIMIT_CYCLE: 'limit cycle'}
@@ -219,8 +218,7 @@ def margin_cause(row: np.void, basis: Basis) -> str:
     found = f'unstable amplitude over amplitude is {margin:.3g} ({interval})'
     limit = f'limit {basis.config.margin_in:g}'
     if low and margin >= basis.config.margin_in:
-        tuned_hz = with_frequency(basis.config).hunting_frequency_hz
-        restored_s = MARGIN_RESTORE_S * REFERENCE_HZ / tuned_hz
+        restored_s = MARGIN_RESTORE_S / basis.config.faster
         limit += f' to be kept for {restored_s:.3g} s after it was lower'
     edge = _unstable(row)
     if math.isnan(row['unstable_amplitude']):
