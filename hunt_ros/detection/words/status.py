@@ -6,20 +6,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from hunt_ros.detection import doubts, health
 from hunt_ros.detection.door import Door
-from hunt_ros.detection.output import PUBLIC, blank_rows, seconds_text
+from hunt_ros.detection.output import PUBLIC, no_row, seconds_text
 from hunt_ros.detection.regions import Level, Region, State
 from hunt_ros.detection.words.alarms import AlarmHistory
 from hunt_ros.detection.words.reasons import absent_words, causes_of
 from hunt_ros.detection.words.transitions import Transitions
 from hunt_ros.samples import CLOCK_OFFSET_NS
-
-#: What stands for the last row before there is one.
-_NO_ROW = blank_rows(np.zeros(1, dtype=np.int64))
-_NO_ROW['level'] = Level.STALE
 
 
 @dataclass(frozen=True)
@@ -68,7 +62,6 @@ class DetectorStatus:
 
 
 def status_of(
-    row: np.void | None,
     transitions: Transitions,
     door: Door,
     present: tuple[State, bool],
@@ -80,10 +73,8 @@ def status_of(
 
     Parameters
     ----------
-    row : void of ESTIMATE_DTYPE or None
-        The last row; None before the first.
     transitions : Transitions
-        Why it is so, and since when.
+        The last row, why it is so, and since when.
     door : Door
         What the channels refused, their clocks, and those that the others wait for: then the row
         is an old one, and its level STALE.
@@ -101,10 +92,11 @@ def status_of(
         for name, channel in door.channels.items()
         if not channel.clock.believed
     ]
-    if row is None:
-        row, until_ns, level = _NO_ROW[0], 0, Level.STALE
+    if not sequence:
+        row, until_ns, level = no_row(), 0, Level.STALE
         reasons = ['no data yet', *refused]
     else:
+        row = transitions.row
         until_ns = int(row['stamp_ns']) if door.watermark_ns is None else door.watermark_ns
         level = Level.STALE if behind else Level(int(row['level']))
         apart = {

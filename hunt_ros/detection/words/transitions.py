@@ -53,9 +53,8 @@ class Transitions:
     def __init__(self, basis: Basis) -> None:
         self.basis = basis
         self._channels = tuple(name for name in CHANNELS if name in basis.config.channels)
-        #: The row before the next one.
-        self._before = blank_rows(np.zeros(1, dtype=np.int64))
-        self._before['level'] = -1
+        self._last = blank_rows(np.zeros(1, dtype=np.int64))
+        self._last['level'] = -1
         #: When what lasts began.
         self._began_ns: dict[str, int] = {}
         self.decided, self.test = '', ''
@@ -70,8 +69,8 @@ class Transitions:
         rows : ndarray of ESTIMATE_DTYPE, shape (m,)
             With level, region and state filled in; m > 0.
         """
-        rows = joined_rows([self._before, rows])
-        self._before = rows[-1:].copy()
+        rows = joined_rows([self._last, rows])
+        self._last = rows[-1:].copy()
         changed = back = np.diff(rows['stamp_ns']) < 0
         bits = {f'{name}_wrong': health.MISSING | health.FAULTS for name in self._channels}
         bits |= {'doubts': doubts.MARGIN | doubts.OUTSIDE}
@@ -88,6 +87,12 @@ class Transitions:
                 self.level_since_ns = int(row['stamp_ns'])
             events += [self.event_of(row, *change) for change in self._changes(before, row)]
         return events
+
+    @property
+    def row(self) -> np.void:
+        """The last row."""
+        row: np.void = self._last[0]
+        return row
 
     def event_of(
         self, row: np.void, word: str, test: str, cause: str, since_ns: int | None = None
