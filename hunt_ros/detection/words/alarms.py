@@ -121,12 +121,16 @@ class AlarmHistory:
     def __init__(self, period_ns: int) -> None:
         self._period_ns = period_ns
         self.alarms: deque[Alarm] = deque(maxlen=KEPT)
-        self._lasts = False
         self._decays = False
         self._hunting_rows = 0
         self.count = 0
         self.since_ns: int | None = None
         self.highest = {name: math.nan for _, name in _COLUMNS}
+
+    @property
+    def _lasting(self) -> Alarm | None:
+        """The alarm that lasts."""
+        return self.alarms[-1] if self.alarms and not self.alarms[-1].over_ns else None
 
     @property
     def codes(self) -> list[str]:
@@ -154,7 +158,7 @@ class AlarmHistory:
             self.since_ns = int(rows['stamp_ns'][0])
         hunting = rows['state'] >= State.ESCAPING
         told = [event for event in events if event.event in _TOLD]
-        if not (told or self._lasts or hunting.any()):
+        if not (told or self._lasting or hunting.any()):
             return
         self._hunting_rows += int(np.count_nonzero(hunting))
         begin = 0
@@ -171,7 +175,7 @@ class AlarmHistory:
         reached = event.event
         if event.test.startswith('alarm_') and event.event == 'limit_exceeded':
             reached = _FAR[0]
-        alarm = self.alarms[-1] if self._lasts else None
+        alarm = self._lasting
         if reached in _FAR:
             if alarm and self._decays and alarm.acknowledged_by:
                 # It was taken back while it decayed: this is another one.
@@ -182,21 +186,19 @@ class AlarmHistory:
                 self.count += 1
                 began_ns, cause, test = event.since_ns, event.cause, event.test
                 self.alarms.append(Alarm(began_ns, event.stamp_ns, cause, test, reached))
-                self._lasts = True
         elif alarm and row['state'] < State.ESCAPING and not above:
-            alarm.over_ns, self._lasts = event.stamp_ns, False
+            alarm.over_ns = event.stamp_ns
         self._decays = bool(row['state'] == State.DECAYING) and not above
 
     def _measure(self, rows: NDArray[np.void]) -> None:
         """Take in the amplitudes of rows between two events."""
-        if not self._lasts:
-            return
+        alarm = self._lasting
         for channel, name in _COLUMNS:
             amplitude, std = rows[f'{channel}_amplitude'], rows[f'{channel}_amplitude_std']
             # Where lateral is that of yaw through the mode shape, its own sensors may be dead.
             sure = amplitude[~rows[f'{channel}_blind'] & (std < _SURE * amplitude)]
-            if sure.size:
-                alarm, highest = self.alarms[-1], float(sure.max())
+            if alarm and sure.size:
+                highest = float(sure.max())
                 self.highest[name] = float(np.fmax(self.highest[name], highest))
                 setattr(alarm, name, float(np.fmax(getattr(alarm, name), highest)))
 
