@@ -48,12 +48,11 @@ _INVALID, _STANDS, _WAITING, _SILENT, _NO_VALUE, _STUCK, _SATURATED, _REVERSE, _
 WAITING, SILENT, NO_VALUE, STUCK, SATURATED = (1 << k for k in range(6, 11))
 SPARSE, CONTRADICTED, CLOCK, ABSENT, LOST = (1 << k for k in range(12, 17))
 
-#: Words of each bit, the codes of those that make a channel one that cannot be trusted, and these
-#: and the others, which are told in the status, together.
+#: Words of each bit; the codes of those that make a channel one that cannot be trusted, and these
+#: bits together.
 WORDS: dict[int, str] = {1 << k: words for k, (words, _) in enumerate(_TABLE) if words}
 CODES: dict[int, str] = {1 << k: code for k, (_, code) in enumerate(_TABLE) if code}
 SEVERE = sum(CODES)
-MILD = sum(WORDS) - SEVERE
 #: A saturated sensor still shows that there is motion; the others show nothing.
 BLIND = SEVERE & ~SATURATED | ABSENT
 #: A fault of the sensor; a channel that gives nothing, which is another one or an optional one.

@@ -115,7 +115,7 @@ class Transitions:
 
     def reasons(self, row: np.void) -> tuple[str, ...]:
         """Return why the level of a row is what it is, the most serious first."""
-        return reasons_of(row, self.basis, self.decided)
+        return reasons_of(row, self.basis._replace(decided=self.decided))
 
     def _changes(self, before: np.void, row: np.void) -> Iterator[_Change]:
         """Yield what has changed since the row before."""
