@@ -21,8 +21,7 @@ from hunt_ros.detection.rows import RowMaker
 from hunt_ros.detection.words.alarms import UNKNOWN, AlarmHistory
 from hunt_ros.detection.words.clearance import Clearances
 from hunt_ros.detection.words.reasons import Basis
-from hunt_ros.detection.words.status import DetectorStatus, status_of
-from hunt_ros.detection.words.transitions import Transitions
+from hunt_ros.detection.words.status import DetectorStatus, Transitions
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import CHANNELS
@@ -229,8 +228,7 @@ class HuntingDetector:
     @property
     def status(self) -> DetectorStatus:
         """The present view."""
-        present = self._rows.state, self._rows.alarm
-        return status_of(self._transitions, self._door, present, self.history, self._sequence)
+        return self._transitions.status(self._door, self._rows.alarm, self.history, self._sequence)
 
     def _advance(self) -> Output:
         """Make every row that is complete."""
