@@ -366,7 +366,6 @@ class Door:
 
     def _next_epoch(self) -> None:
         """Leave the present epoch; what still waits in it is given up."""
-        silent = sorted(self.silent)
         for channel in self.channels.values():
             if len(channel.queues) > 1:
                 channel.queues.pop(0)
@@ -375,8 +374,6 @@ class Door:
             channel.silent = False
         self.position_ns = self._newest_ns = None
         self.epoch += 1
-        if silent:
-            self.note('resumed', channels=dict.fromkeys(silent))
 
     def _overdue(self, now_ns: int) -> list[str]:
         """Return the channels that are silent for longer than their timeout since now."""
