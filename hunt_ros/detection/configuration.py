@@ -150,10 +150,14 @@ class DetectorConfig(Settings):
         return bool(set(sensors_of(coordinate)) & set(self.channels))
 
     @property
+    def faster(self) -> float:
+        """The nominal hunting frequency in units of `REFERENCE_HZ`."""
+        return (self.hunting_frequency_hz or REFERENCE_HZ) / REFERENCE_HZ
+
+    @property
     def followed_hz(self) -> tuple[float, float]:
         """The lowest and the highest hunting frequency that is followed, Hz."""
-        faster = (self.hunting_frequency_hz or REFERENCE_HZ) / REFERENCE_HZ
-        return max(faster * _LOWEST_HZ, _LEAST_HZ), faster * _HIGHEST_HZ
+        return max(self.faster * _LOWEST_HZ, _LEAST_HZ), self.faster * _HIGHEST_HZ
 
     @property
     def period_ns(self) -> int:

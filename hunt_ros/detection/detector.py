@@ -10,21 +10,18 @@ from __future__ import annotations
 
 from dataclasses import asdict, fields, replace
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from hunt_ros.detection.acceptance import form_event
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.door import Door, Stretch
 from hunt_ros.detection.journal import JournalEntry
-from hunt_ros.detection.output import EMPTY, Event, Output
-from hunt_ros.detection.regions import Level
+from hunt_ros.detection.output import EMPTY, Output, no_row
 from hunt_ros.detection.rows import RowMaker
 from hunt_ros.detection.words.alarms import UNKNOWN, AlarmHistory
 from hunt_ros.detection.words.clearance import Clearances
 from hunt_ros.detection.words.reasons import Basis
-from hunt_ros.detection.words.status import DetectorStatus, status_of
-from hunt_ros.detection.words.transitions import Transitions
+from hunt_ros.detection.words.status import DetectorStatus, Transitions
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import CHANNELS
@@ -75,8 +72,7 @@ class HuntingDetector:
         self._transitions = Transitions(self._basis())
         timeouts = {name: config.timeout_ns(name) for name in CHANNELS if name in config.channels}
         self._door = Door(timeouts, config.period_ns)
-        self.clearances = Clearances(config)
-        self._last_row: np.void | None = None
+        self.clearances = Clearances(self._rows.config)
         self._sequence = 0
         text = '' if self._form is None else self._form.to_yaml()
         self._door.note('start', text=text, config=asdict(config))
@@ -143,18 +139,12 @@ class HuntingDetector:
         self._rows.set_normal_form(form)
         self._door.note('normal_form', text='' if form is None else form.to_yaml())
         self._transitions.basis = self._basis()
-        self.clearances.begin_anew()
-        row = self._last_row
-        output = self._advance()
-        if row is None:
-            return output
-        word, cause = form_event(form)
-        event = self._transitions.event_of(row, word, 'normal_form', cause)
-        return replace(output, events=(event, *output.events))
+        self.clearances.begin_anew(self._rows.config)
+        return self._say(*form_event(form), 'normal_form') if self._sequence else self._advance()
 
     def _basis(self) -> Basis:
         """Return what the words compare the numbers with."""
-        return Basis(self.config, *self._rows.boundaries, self._form)
+        return Basis(self._rows.config, *self._rows.boundaries, self._form)
 
     def reconfigure(self, config: DetectorConfig) -> Output:
         """
@@ -195,14 +185,13 @@ class HuntingDetector:
         self._rows.acknowledge()
         self.history.acknowledge(now_ns, by)
         self._door.note('acknowledged', now_ns=now_ns, text=by)
-        row = self._last_row
-        cause = f'by {by or UNKNOWN}'
-        if self._rows.alarm:
-            cause += ': the alarm ends with the hunting'
-        if row is None:
-            event = Event(now_ns, 'acknowledged', Level.STALE, now_ns, 'operator', cause)
-        else:
-            event = self._transitions.event_of(row, 'acknowledged', 'operator', cause)
+        ends = ': the alarm ends with the hunting' if self._rows.alarm else ''
+        return self._say('acknowledged', f'by {by or UNKNOWN}{ends}', 'operator', now_ns)
+
+    def _say(self, word: str, cause: str, test: str, now_ns: int = 0) -> Output:
+        """Return an event of now, before what comes after it; without a row its stamp is `now`."""
+        row = self._transitions.row if self._sequence else no_row(now_ns)
+        event = self._transitions.event_of(row, word, test, cause)
         output = self._advance()
         return replace(output, events=(event, *output.events))
 
@@ -239,10 +228,7 @@ class HuntingDetector:
     @property
     def status(self) -> DetectorStatus:
         """The present view."""
-        present = self._rows.state, self._rows.alarm
-        return status_of(
-            self._last_row, self._transitions, self._door, present, self.history, self._sequence
-        )
+        return self._transitions.status(self._door, self._rows.alarm, self.history, self._sequence)
 
     def _advance(self) -> Output:
         """Make every row that is complete."""
@@ -264,5 +250,4 @@ class HuntingDetector:
         self.clearances.update(rows)
         self.history.update(rows, events)
         self._sequence += rows.size
-        self._last_row = rows[-1]
         return Output(rows, tuple(events), motion=motion)

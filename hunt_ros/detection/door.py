@@ -201,9 +201,18 @@ class Door:
         self._limit = None if entry is None else (entry.epoch, entry.position_ns)
 
     def finish(self) -> None:
-        """No more samples will come: everything waiting is complete."""
+        """
+        No more samples will come: everything waiting is complete.
+
+        A channel that goes on where all others had their clocks set back was silent meanwhile,
+        and is in their next epoch.
+        """
         for channel in self.channels.values():
             channel.finish()
+        ends = [c.newest_ns or 0 for c in self.channels.values() if len(c.queues) > 1]
+        for channel in self.channels.values():
+            if ends and len(channel.queues) == 1 and (channel.newest_ns or 0) > max(ends):
+                channel.queues.append(channel.queues[0].split(max(ends)))
         self._finished = True
 
     def complete(self) -> Iterator[Stretch | None]:
@@ -357,7 +366,6 @@ class Door:
 
     def _next_epoch(self) -> None:
         """Leave the present epoch; what still waits in it is given up."""
-        silent = sorted(self.silent)
         for channel in self.channels.values():
             if len(channel.queues) > 1:
                 channel.queues.pop(0)
@@ -366,8 +374,6 @@ class Door:
             channel.silent = False
         self.position_ns = self._newest_ns = None
         self.epoch += 1
-        if silent:
-            self.note('resumed', channels=dict.fromkeys(silent))
 
     def _overdue(self, now_ns: int) -> list[str]:
         """Return the channels that are silent for longer than their timeout since now."""

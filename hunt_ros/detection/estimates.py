@@ -214,15 +214,13 @@ class Estimator:
         self, blocks: dict[str, Block], usable: dict[str, NDArray[np.bool_]]
     ) -> tuple[NDArray[np.int64], NDArray[np.int8], NDArray[np.float64]]:
         """Return stamps, sensors (places in `_motion`) and values that are usable, by stamp."""
-        stamps, sensors, values = [], [], []
-        for number, name in enumerate(self._motion):
-            good = usable[name]
-            stamps.append(blocks[name].stamps_ns[good])
-            values.append(blocks[name].values[good])
-            sensors.append(np.full(stamps[-1].size, number, dtype=np.int8))
-        stamp = np.concatenate(stamps)
+        good = [usable[name] for name in self._motion]
+        parts = [blocks[name] for name in self._motion]
+        stamp = np.concatenate([part.stamps_ns[x] for part, x in zip(parts, good, strict=True)])
+        value = np.concatenate([part.values[x] for part, x in zip(parts, good, strict=True)])
+        sensor = np.arange(len(good), dtype=np.int8).repeat([np.count_nonzero(x) for x in good])
         order = np.argsort(stamp, kind='stable')
-        return stamp[order], np.concatenate(sensors)[order], np.concatenate(values)[order]
+        return stamp[order], sensor[order], value[order]
 
     def _slow_at(
         self,
@@ -236,25 +234,21 @@ class Estimator:
         The stamps are in any order. What comes of the encoder is made continuous here.
         """
         sorting = np.argsort(wanted, kind='stable')
-        slow = {name: np.full(wanted.size, math.nan) for name in ('roller', 'speed', 'angle')}
-        if 'speed' not in blocks and self.config.constant_speed_mps > 0.0:
-            slow['speed'][:] = self.config.constant_speed_mps
+        at = wanted[sorting]
+        constant = self.config.constant_speed_mps or math.nan  # where there is no speed channel
+        slow = {'roller': np.full(at.size, math.nan), 'speed': np.full(at.size, constant)}
         for name, channel in self._slow.items():
-            block, following = blocks[name], blocks[name].following
-            readings = np.where(usable[name], block.values, math.nan)
+            stamps, following = blocks[name].stamps_ns, blocks[name].following
+            readings = np.where(usable[name], blocks[name].values, math.nan)
             if name == 'roller':
-                after_ns, after = following or (0, math.nan)
-                readings, after = self._unwrapping.update(
-                    block.stamps_ns, readings, after_ns, after
-                )
-                following = None if following is None else (after_ns, after)
-            stamps = block.stamps_ns
-            slow[name][sorting] = channel.at(wanted[sorting], stamps, readings, following)
+                readings, after = self._unwrapping.update(stamps, readings, *(following or ()))
+                following = following and (following[0], after)
+            slow[name] = channel.at(at, stamps, readings, following)
         slow['speed'] = np.abs(slow['speed'])  # a wheelset hunts in reverse as it does ahead
-        encoder, speed = slow['roller'][sorting], slow['speed'][sorting]
         within = self._slow['roller'].within if 'roller' in blocks else None
-        slow['angle'][sorting] = self._angle.update(wanted[sorting], encoder, speed, within)
-        return slow
+        slow['angle'] = self._angle.update(at, slow['roller'], slow['speed'], within)
+        place = np.argsort(sorting)
+        return {name: values[place] for name, values in slow.items()}
 
     def _look_elsewhere(
         self,

@@ -48,12 +48,11 @@ _INVALID, _STANDS, _WAITING, _SILENT, _NO_VALUE, _STUCK, _SATURATED, _REVERSE, _
 WAITING, SILENT, NO_VALUE, STUCK, SATURATED = (1 << k for k in range(6, 11))
 SPARSE, CONTRADICTED, CLOCK, ABSENT, LOST = (1 << k for k in range(12, 17))
 
-#: Words of each bit, the codes of those that make a channel one that cannot be trusted, and these
-#: and the others, which are told in the status, together.
+#: Words of each bit; the codes of those that make a channel one that cannot be trusted, and these
+#: bits together.
 WORDS: dict[int, str] = {1 << k: words for k, (words, _) in enumerate(_TABLE) if words}
 CODES: dict[int, str] = {1 << k: code for k, (_, code) in enumerate(_TABLE) if code}
 SEVERE = sum(CODES)
-MILD = sum(WORDS) - SEVERE
 #: A saturated sensor still shows that there is motion; the others show nothing.
 BLIND = SEVERE & ~SATURATED | ABSENT
 #: A fault of the sensor; a channel that gives nothing, which is another one or an optional one.
@@ -100,15 +99,19 @@ _REST_STEPS = 4.0
 #: last; length of the run; the last two values, the smallest step between two, the mean length of
 #: a run, ns, the mean time between usable samples, s; of this window and the one before the
 #: extremes, of the short ones the extremes and the largest size.
+_BEGINNING: dict[str, Any] = {
+    **dict.fromkeys(('start', 'any', 'valid', 'begun', 'window', 'short'), _NEVER),
+    'seen': [_NEVER] * (_SPARSE + 1),
+    'run': 0,
+    **dict.fromkeys(('value', 'before'), np.nan),
+    'step': np.inf,
+    **dict.fromkeys(('length', 'spacing'), 0.0),
+    **dict.fromkeys(('high', 'top'), [-np.inf] * 2),
+    **dict.fromkeys(('low', 'bottom'), [np.inf] * 2),
+    'peak': [np.nan] * 2,
+}
 _MEMORY: np.dtype[np.void] = np.dtype(
-    [
-        *((name, np.int64) for name in ('start', 'any', 'valid', 'begun', 'window', 'short')),
-        ('seen', np.int64, (_SPARSE + 1,)),
-        ('run', np.int64),
-        *((name, np.float64) for name in ('value', 'before', 'step', 'length', 'spacing')),
-        *((name, np.float64, (2,)) for name in ('high', 'low', 'top', 'bottom', 'peak')),
-    ],
-    align=True,
+    [(name, np.asarray(x).dtype, np.shape(x)) for name, x in _BEGINNING.items()], align=True
 )
 
 
@@ -140,14 +143,7 @@ class ChannelHealth:
     def __init__(self, config: DetectorConfig, channel: str) -> None:
         self._channel = channel
         self.follow(config)
-        self._memory = np.zeros(1, dtype=_MEMORY)
-        for name in ('start', 'any', 'valid', 'begun', 'window', 'short', 'seen'):
-            self._memory[name] = _NEVER
-        for name in ('value', 'before', 'peak'):
-            self._memory[name] = np.nan
-        for name in ('low', 'bottom', 'step'):
-            self._memory[name] = np.inf
-        self._memory['high'] = self._memory['top'] = -np.inf
+        self._memory = np.array([tuple(_BEGINNING.values())], dtype=_MEMORY)
 
     def follow(self, config: DetectorConfig) -> None:
         """Use other settings from now on."""

@@ -1,4 +1,4 @@
-"""Which motion is judged: do the sensors agree, is it a line of the roller, and lateral or yaw?"""
+"""How large the motion is to be judged: do the sensors agree, is it a line of the roller?"""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from hunt_ros.compiled import B1, F1, R1, compiled
 from hunt_ros.detection import doubts
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 
 #: Sensors contradict each other beyond this many standard deviations, or where one shows less than
 #: this part of what the other tells, or nothing of what it would show if it were so many times as
@@ -24,7 +23,7 @@ _CONTRARY, _PART, _POOR, _AGREE_S = 3.0, 0.5, 10.0, 0.5
 #: seem small at the peak: what was shared is until the line has less than the last part.
 _NEAR, _SHARED, _STILL = 0.1, 0.25, 0.1
 #: The speed changes where it is off by this part from what it was over the memory of the slowest
-#: line (the least bandwidth in `tracker.tuning`), s at `REFERENCE_HZ`.
+#: line (the least bandwidth in `tracker.tuning`), s of the reference rig.
 _CHANGED, _MEMORY_S = 0.02, 20.0
 #: The turning of the roller is averaged over this time, s: an encoder counts whole steps. What
 #: the mean of the mean lags behind is added, so that none lags behind a steady change.
@@ -42,7 +41,7 @@ class Turning:
     """
 
     def __init__(self, config: DetectorConfig) -> None:
-        self._memory_s = _MEMORY_S * REFERENCE_HZ / config.hunting_frequency_hz
+        self._memory_s = _MEMORY_S / config.faster
         self._memory = np.full(4, math.nan)
         self._last_ns = 0
 
@@ -186,56 +185,3 @@ def by_yaw(track: NDArray[np.void]) -> tuple[NDArray[np.float64], NDArray[np.flo
     ratio /= np.fmax(track['yaw_factor'], 1.0)
     told = track['yaw_amplitude'] / ratio
     return told, np.hypot(track['yaw_amplitude_std'] / ratio, told * doubt)
-
-
-class JudgedChannel:
-    """
-    Which coordinate the decisions judge: lateral, or yaw while lateral is not measured.
-
-    What yaw tells of the lateral motion, through a mode shape or the ratio seen before, counts
-    as lateral where there is a form to compare it with. Without, yaw itself is known better:
-    it is judged once lateral has been missing for a second, until lateral is measured again.
-
-    Parameters
-    ----------
-    config : DetectorConfig
-
-    Attributes
-    ----------
-    compared : bool
-        There is a normal form, in metres.
-    """
-
-    def __init__(self, config: DetectorConfig) -> None:
-        self._patience = round(1e9 / config.period_ns) if config.measures('lateral') else 0
-        self.compared = False
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget every row."""
-        self._channel = 'lateral'
-        self._waited = 0
-
-    def stretches(self, rows: NDArray[np.void]) -> list[tuple[int, int, str]]:
-        """Return (begin, end, channel) for the rows of ESTIMATE_DTYPE, in order."""
-        lateral = np.isfinite(rows['lateral_amplitude'])
-        lateral &= np.isfinite(rows['judged']) | ((rows['doubts'] & doubts.ON_LINE) != 0)
-        if not self.compared:
-            lateral &= (rows['doubts'] & doubts.FROM_YAW) == 0
-        if not rows.size or (lateral.all() and self._channel == 'lateral'):
-            self._waited = 0
-            return [(0, rows.size, 'lateral')]
-        parts: list[tuple[int, int, str]] = []
-        yaw = np.isfinite(rows['yaw_amplitude'])
-        for k in range(rows.size):
-            if lateral[k]:
-                self._channel, self._waited = 'lateral', 0
-            elif yaw[k]:
-                self._waited += 1
-                if self._waited > self._patience:
-                    self._channel = 'yaw'
-            if parts and parts[-1][2] == self._channel:
-                parts[-1] = parts[-1][0], k + 1, self._channel
-            else:
-                parts.append((k, k + 1, self._channel))
-        return parts

@@ -124,6 +124,13 @@ def blank_rows(stamps_ns: NDArray[np.int64]) -> NDArray[np.void]:
     return rows
 
 
+def no_row(stamp_ns: int = 0) -> np.void:
+    """Return what stands for the last row before there is one."""
+    row: np.void = blank_rows(np.array([stamp_ns]))[0]
+    row['level'] = Level.STALE
+    return row
+
+
 def joined_rows(parts: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
     """Return rows of one dtype, one part after the other, at least one part."""
     # As bytes: of records numpy copies each field by itself, which takes forty times as long.
@@ -165,7 +172,7 @@ class Event:
     normal_form : str
         The form in force, by its critical speeds; '' where there is none.
     numbers : mapping of str to float
-        Those of `EVENT_NUMBERS` at that row; NaN where unknown. Empty before the first row.
+        Those of `EVENT_NUMBERS` at that row; NaN where unknown.
     """
 
     stamp_ns: int

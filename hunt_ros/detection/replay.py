@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections import Counter
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 
@@ -14,15 +15,14 @@ from hunt_ros.detection.detector import HuntingDetector
 from hunt_ros.detection.journal import JournalEntry
 from hunt_ros.detection.output import Output
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.samples import NANOSECONDS, Record, Series
+from hunt_ros.samples import Record, Series
 
 #: Not acted on at their position: they say which samples the run was made of. Which of these came
 #: too late, 0.2.0 wrote down; it follows from the rest.
 _ABOUT_SAMPLES = ('start', 'heard', 'late_from', 'late_to')
-#: A longer step of a channel is a clock that was set, and no silence.
-_LEAP_NS = 600 * NANOSECONDS
-#: Time that is fed at once: one channel waits for the others no longer than this.
-_STRETCH_NS = 10 * NANOSECONDS
+#: Samples of the longest channel that are fed at once, and of each other one the same share: ten
+#: seconds at 500 Hz for which one channel waits for the others.
+_STRETCH = 5000
 
 
 def watch(
@@ -34,10 +34,8 @@ def watch(
     """
     Feed a record to a detector, to its end, or repeat a live run bit for bit.
 
-    The channels are fed side by side, a stretch of time each in turn, as they would come live;
-    the numbers are the same for any stretch. Time is 0 at the first sample of the record. A step
-    of a channel that goes back, or leaps by more than `_LEAP_NS`, is a clock that was set: no
-    time passes there.
+    The channels are fed side by side, a share of each in turn; the numbers are the same for any
+    shares.
 
     Parameters
     ----------
@@ -62,10 +60,8 @@ def watch(
     HuntError
         If a normal form or the settings in the journal cannot be read.
     """
-    start_ns = record.start_ns
-    times_ns = {name: _times(series, start_ns) for name, series in record.items()}
-    length_ns = max((int(x[-1]) for x in times_ns.values() if x.size), default=0)
-    until_ns = _STRETCH_NS
+    longest = max(map(len, record.values()), default=0)
+    share, shares = 1, max(1, math.ceil(longest / _STRETCH))
     added: list[Output] = []
     for entries, parts in _runs(record, journal):
         if journal:
@@ -79,13 +75,13 @@ def watch(
             added.append(detector.hold_at(entry))
             named = () if entry is None else entry.received
             while True:
-                outputs, waits = _feed(detector, parts, number, named, times_ns, until_ns)
+                outputs, waits = _feed(detector, parts, number, named, share / shares)
                 added += outputs
                 if not waits:
                     break
                 yield Output.joined(added)
-                progress(min(1.0, until_ns / max(1, length_ns)))
-                added, until_ns = [], until_ns + _STRETCH_NS
+                progress(share / shares)
+                added, share = [], share + 1
             if entry is not None:
                 added.append(detector.repeat(entry))
     if not journal:
@@ -99,11 +95,10 @@ def _feed(
     parts: Mapping[str, _Part],
     number: int,
     named: Container[str],
-    times_ns: Mapping[str, NDArray[np.int64]],
-    until_ns: int,
+    share: float,
 ) -> tuple[list[Output], bool]:
     """
-    Feed what may have come before entry `number`, up to a time; of silent channels less.
+    Feed what may have come before entry `number`, up to a share; of silent channels less.
 
     Returns what was added, and True where more comes before that entry.
     """
@@ -113,7 +108,7 @@ def _feed(
         if part is None or (name in detector.silent and name not in named):
             continue
         stop = max(part.done, part.until(number))
-        reached = int(np.searchsorted(times_ns[name], until_ns, 'right'))
+        reached = math.ceil(share * len(part.series))
         span = slice(part.done, max(part.done, min(stop, reached)))
         part.done = span.stop
         waits |= part.done < stop
@@ -121,17 +116,6 @@ def _feed(
             series = part.series
             outputs.append(detector.update(name, series.stamps_ns[span], series.values[span]))
     return outputs, waits
-
-
-def _times(series: Series, start_ns: int) -> NDArray[np.int64]:
-    """Return when each sample came, ns since the start of the record."""
-    if not len(series):
-        return np.zeros(0, dtype=np.int64)
-    steps = np.diff(series.stamps_ns)
-    steps[(steps < 0) | (steps > _LEAP_NS)] = 0
-    first = max(0, int(series.stamps_ns[0]) - start_ns)
-    times: NDArray[np.int64] = np.concatenate(([first], first + np.cumsum(steps)))
-    return times
 
 
 def detect(

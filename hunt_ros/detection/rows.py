@@ -23,7 +23,6 @@ from hunt_ros.detection.decision.outlook import OutlookTable
 from hunt_ros.detection.decision.rules import rules_of
 from hunt_ros.detection.door import Block
 from hunt_ros.detection.estimates import Estimator
-from hunt_ros.detection.judged import JudgedChannel
 from hunt_ros.detection.regions import Level, State
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.samples import CHANNELS, NANOSECONDS
@@ -63,9 +62,9 @@ class RowMaker:
             if config.measures(coordinate)
         }
         self._estimator = Estimator(self.config)
-        self._judged = JudgedChannel(config)
-        #: The coordinate that is judged.
-        self._judging = ''
+        #: The coordinate that is judged, and for how many rows lateral has been missing.
+        self._judging, self._missing = '', 0
+        self._patience = round(1e9 / config.period_ns) if config.measures('lateral') else 0
         self._looked_up = _NO_LOOK
         self._unseen = 0
         self.set_normal_form(None)
@@ -78,7 +77,6 @@ class RowMaker:
         self._estimator.set_mode_shape(None if identified is None else identified.mode_shape)
         self._numbers = form_numbers(identified)
         self._outlooks = OutlookTable(identified)
-        self._judged.compared = identified is not None
         self._rules = rules_of(self.config, *self.boundaries)
         self._looked_up = _NO_LOOK
 
@@ -118,7 +116,7 @@ class RowMaker:
     def start_again(self) -> None:
         """Begin anew after the clocks were set back; form, hunting and noise floor are kept."""
         self._estimator.reset()
-        self._judged.reset()
+        self._missing = 0
         self._forget(floor=True, reference=True)
 
     def _forget(self, *, floor: bool, reference: bool) -> None:
@@ -182,7 +180,7 @@ class RowMaker:
         self, rows: NDArray[np.void], trusted: NDArray[np.bool_], disagree: NDArray[np.bool_]
     ) -> None:
         """Run the decisions, stretch by stretch of one channel that is judged and one outlook."""
-        for begin, end, channel in self._judged.stretches(rows):
+        for begin, end, channel in self._stretches(rows):
             if channel != self._judging:
                 if self._judging:  # sizes have units
                     self._forget(floor=False, reference=False)
@@ -204,6 +202,26 @@ class RowMaker:
             for part in self._outlook_stretches(stretch):
                 given = disagree[begin:end][part], trusted[begin:end][part]
                 decisions.decide(self._rules, numbers, self.memory, *given, stretch[part])
+
+    def _stretches(self, rows: NDArray[np.void]) -> Iterator[tuple[int, int, str]]:
+        """
+        Yield (begin, end, channel) of stretches that are judged by lateral, or by yaw instead.
+
+        What yaw tells of the lateral motion, through a mode shape or the ratio seen before, counts
+        as lateral where there is a form to compare it with. Without, yaw itself is known better:
+        it is judged once lateral has been missing for a second, until lateral is measured again.
+        """
+        lateral = np.isfinite(rows['lateral_amplitude'])
+        lateral &= np.isfinite(rows['judged']) | ((rows['doubts'] & doubts.ON_LINE) != 0)
+        if self._identified is None:
+            lateral &= (rows['doubts'] & doubts.FROM_YAW) == 0
+        missing = self._missing + np.cumsum(~lateral & np.isfinite(rows['yaw_amplitude']))
+        missing -= np.maximum.accumulate(np.where(lateral, missing, 0))
+        self._missing = int(missing[-1])
+        yaw = missing > self._patience
+        cuts = [0, *(np.flatnonzero(np.diff(yaw)) + 1).tolist(), rows.size]
+        for begin, end in itertools.pairwise(cuts):
+            yield begin, end, 'yaw' if yaw[begin] else 'lateral'
 
     def _outlook_stretches(self, rows: NDArray[np.void]) -> Iterator[slice]:
         """Yield stretches of one outlook, which is then in the memory of the decisions."""

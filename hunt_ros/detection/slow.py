@@ -13,7 +13,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.compiled import F1, F2, I1, R1, compiled, compiled_part
 from hunt_ros.detection import health
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.samples import GAP_STEPS, NANOSECONDS
@@ -67,8 +66,10 @@ class SlowChannel:
     def __init__(self, timeout_ns: int, rising: bool) -> None:
         self._timeout = timeout_ns
         self._rising = rising
-        self._whole = np.zeros(3, dtype=np.int64)
-        self._real = np.array([math.nan, math.nan, 0.0, 0.0])
+        #: The last valid reading, the last that repeats none, and the last.
+        self._stamps, self._values = np.full(3, _NEVER), np.full(3, math.nan)
+        #: Rate of the last line, and how far its end may be off.
+        self._rate = self._off = 0.0
         self.within = np.zeros(0)
 
     def at(
@@ -94,76 +95,38 @@ class SlowChannel:
         -------
         ndarray of float64, shape (n,)
         """
-        count = stamps_ns.size
+        count = 3 + stamps_ns.size
         if following is not None:
             stamps_ns, values = np.append(stamps_ns, following[0]), np.append(values, following[1])
-        found: _Values = np.empty((2, wanted_ns.size))
-        rules = count, self._timeout, self._rising
-        _evaluate(wanted_ns, stamps_ns, values, *rules, self._whole, self._real, found)
-        told, self.within = found
-        return np.asarray(told)
+        stamps = np.concatenate([self._stamps, stamps_ns])
+        values = np.concatenate([self._values, values])
+        place = np.arange(stamps.size)
+        repeats = (np.diff(values, prepend=math.nan) == 0.0) & self._rising
+        told = np.maximum.accumulate(np.where(repeats, 0, place))
+        valid = np.maximum.accumulate(np.where(repeats | np.isnan(values), 0, place))
+        # The line to each sample, from the last one before it that repeats none.
+        before = np.maximum(place - 1, 0)
+        begin = told[before]
+        step, rise = stamps - stamps[begin], values - values[begin]
+        known = ~repeats & np.isfinite(rise) & (step > 0) & (step <= self._timeout)
+        rate = rise / np.where(known, step * 1e-9, math.nan)
+        late = np.where(stamps[before] > stamps[begin], stamps - stamps[before], 0)
+        off = np.abs(rate) * (late * 1e-9)
+        rate[0], off[0] = self._rate, self._off
+        line = np.maximum.accumulate(np.where(known, place, 0))
 
+        at = np.searchsorted(stamps[:count], wanted_ns, 'right') - 1
+        after = np.minimum(at + 1, place[-1])
+        age_s = (wanted_ns - stamps[valid[at]]) * 1e-9
+        found = values[valid[at]] + (rate[line[at]] * age_s if self._rising else 0.0)
+        found[wanted_ns - stamps[valid[at]] > self._timeout] = math.nan
+        between = values[told[at]] + rate[after] * ((wanted_ns - stamps[told[at]]) * 1e-9)
+        self.within = off[line[at]]
 
-@compiled
-def _evaluate(
-    wanted: I1,
-    stamps: I1,
-    values: R1,
-    count: int,
-    timeout: int,
-    rising: bool,
-    whole: I1,
-    real: F1,
-    found: F2,
-) -> None:
-    """
-    Run `SlowChannel.at`: samples from number `count` on are not taken in yet.
-
-    whole = [stamp of the last sample, of the last valid one, and of the last repeat]; real =
-    [value of the last sample (NaN: invalid), and of the last valid one, rate of the last line,
-    how far its end may be off].
-    """
-    n = 0
-    for k in range(wanted.size):
-        stamp = wanted[k]
-        while n < count and stamps[n] <= stamp:
-            _take(stamps[n], values[n], timeout, rising, whole, real)
-            n += 1
-        found[1, k] = real[3]
-        if n < stamps.size:
-            value, step = values[n], stamps[n] - whole[0]
-            known = np.isfinite(value - real[0]) and not (rising and value == real[0])
-            if known and 0 < step <= timeout:
-                slope = (value - real[0]) / (step * 1e-9)
-                found[0, k] = real[0] + slope * ((stamp - whole[0]) * 1e-9)
-                continue
-        age = stamp - whole[1]
-        found[0, k] = np.nan
-        if age <= timeout:
-            found[0, k] = real[1] + (real[2] * (age * 1e-9) if rising else 0.0)
-    while n < count:
-        _take(stamps[n], values[n], timeout, rising, whole, real)
-        n += 1
-
-
-@compiled_part
-def _take(
-    stamp: int, value: float, timeout: int, rising: bool, whole: _Stamps, real: _Values
-) -> None:
-    """Take one sample."""
-    if rising and value == real[0]:
-        whole[2] = stamp
-        return
-    if not np.isfinite(value):
-        whole[0], real[0] = stamp, np.nan
-        return
-    step = stamp - whole[0]
-    if 0 < step <= timeout and np.isfinite(real[0]):
-        real[2] = (value - real[0]) / (step * 1e-9)
-        late = stamp - whole[2] if whole[2] > whole[0] else 0
-        real[3] = abs(real[2]) * (late * 1e-9)
-    whole[0] = whole[1] = stamp
-    real[0] = real[1] = value
+        last = count - 1
+        self._rate, self._off = rate[line[last]], off[line[last]]
+        self._stamps, self._values = (x[[valid[last], told[last], last]] for x in (stamps, values))
+        return np.where((after > at) & known[after], between, found)
 
 
 class SpeedCheck:

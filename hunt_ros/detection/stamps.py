@@ -73,6 +73,14 @@ class _Queue:
         self.newest_ns = later.newest_ns
         self.run_ns, self.before_run_ns = later.run_ns, later.before_run_ns
 
+    def split(self, until_ns: int) -> _Queue:
+        """Move what waits with later stamps into a queue of its own."""
+        later, place = _Queue(), bisect_right(self.stamps, until_ns)
+        later.extend(self)
+        later._remove(slice(place))
+        self._remove(slice(place, None))
+        return later
+
     def take(self, until_ns: int) -> tuple[Stamps, Values, Marks, tuple[int, float] | None]:
         """Remove the samples with stamp <= until_ns, and look at the next one."""
         end = bisect_right(self.stamps, until_ns)
@@ -217,9 +225,9 @@ class Channel:
     def start_again(self) -> None:
         """Forget what waits and the newest stamp: the clock starts anew."""
         self.queues = [_Queue()]
-        #: A sample far ahead that the next one may confirm, and those that stay far behind.
-        self._held: tuple[Stamps, Values] | None = None
-        self._behind = _Queue()
+        #: What stands apart: a sample far ahead until the next one confirms it, or those that
+        #: stay far behind until they have lasted.
+        self._apart = _Queue()
 
     @property
     def newest_ns(self) -> int | None:
@@ -240,7 +248,7 @@ class Channel:
         while begin < stamps_ns.size:
             first, last, end = int(stamps_ns[begin]), self.queues[-1].newest_ns, begin + 1
             usual = last is not None and 0 < first - last <= _STAMP_JUMP_NS
-            if usual and self._held is None:  # so are all up to the next odd one
+            if usual and not self._apart.stamps:  # so are all up to the next odd one
                 end = int(ends[np.searchsorted(ends, begin, 'right')])
                 self._accept(stamps_ns[begin:end], values[begin:end])
             else:
@@ -254,40 +262,48 @@ class Channel:
 
     def _judge(self, stamp: Stamps, value: Values) -> None:
         """Judge one sample, of shape (1,)."""
-        stamp_ns = int(stamp[0])
-        if self._held is not None:
-            held, self._held = self._held, None
-            if stamp_ns > held[0][0]:
-                self._accept(*held)
-            else:
-                self._refuse(AHEAD)
-        last = self.queues[-1].newest_ns
+        stamp_ns, before, last = int(stamp[0]), self._apart.newest_ns, self.queues[-1].newest_ns
+        if before is not None and last is not None:
+            goes_on = 0 < stamp_ns - before <= _STAMP_JUMP_NS and last - stamp_ns > CLOCK_RESET_NS
+            if self._is_ahead:
+                self._settle(stamp_ns > before)
+            elif not goes_on:
+                self._settle(False)
+            last = self.queues[-1].newest_ns
         if last is None or 0 < stamp_ns - last <= _STAMP_JUMP_NS:
             self._accept(stamp, value)
+        elif stamp_ns > last:
+            self._apart.push(stamp, value, 0)
         elif last - stamp_ns > CLOCK_RESET_NS:
-            self._step_back(stamp, value)
+            self._apart.push(stamp, value, 0)
+            self.refused_since += 1
+            if stamp_ns - self._apart.stamps[0] >= CLOCK_RESET_NS:  # the clock was set back
+                self._apart.marks[0] = self._mark | BACKWARD
+                self.queues.append(self._apart)
+                self._apart = _Queue()
+                self._mark = self.refused_since = 0
         else:
-            self._drop_behind()
-            if stamp_ns > last:
-                self._held = stamp, value
-            else:
-                self._refuse(REPEATED if stamp_ns == last else BACKWARD)
+            self._refuse(REPEATED if stamp_ns == last else BACKWARD)
 
-    def _step_back(self, stamp: Stamps, value: Values) -> None:
-        """Keep a stamp that is far behind; where such ones last, the clock was set back."""
-        last = self._behind.newest_ns
-        if last is not None and not 0 < stamp[0] - last <= _STAMP_JUMP_NS:
-            self._drop_behind()
-        self._behind.push(stamp, value, 0)
-        self.refused_since += 1
-        if stamp[0] - self._behind.stamps[0] >= CLOCK_RESET_NS:
-            self._behind.marks[0] = self._mark | BACKWARD
-            self.queues.append(self._behind)
-            self._behind = _Queue()
-            self._mark = self.refused_since = 0
+    @property
+    def _is_ahead(self) -> bool:
+        """Whether what stands apart is ahead, not behind."""
+        return bool(self._apart.stamps) and self._apart.stamps[0] > (
+            self.queues[-1].newest_ns or 0
+        )
+
+    def _settle(self, confirmed: bool) -> None:
+        """Accept or refuse what stands apart."""
+        apart, ahead = self._apart, self._is_ahead
+        self._apart = _Queue()
+        if confirmed:
+            self._accept(np.array(apart.stamps), np.array(apart.values))
+            return
+        if not ahead:  # they were counted when they came
+            self.refused_since -= len(apart.stamps)
+        self._refuse(AHEAD if ahead else BACKWARD, len(apart.stamps))
 
     def _accept(self, stamps: Stamps, values: Values) -> None:
-        self._drop_behind()
         self.queues[-1].push(stamps, values, self._mark)
         self._mark = self.refused_since = 0
 
@@ -295,15 +311,6 @@ class Channel:
         self.refused[_REASONS[reason]] += count
         self.refused_since += count
         self._mark |= reason
-
-    def _drop_behind(self) -> None:
-        """Refuse those that stayed behind: the clock was not set back."""
-        count = len(self._behind.stamps)
-        if not count:
-            return
-        self.refused_since -= count  # they were counted there when they came
-        self._refuse(BACKWARD, count)
-        self._behind = _Queue()
 
     def drop(self, begin: int, end: int, reason: int) -> None:
         """Refuse samples begin..end of the present epoch that wait already."""
@@ -322,52 +329,49 @@ class Channel:
         The leap, ahead or back, must have lasted as long as the stamps say it did. A set
         clock, or a channel that was off for a while, does not do that.
         """
-        if len(self.queues) < 2:
+        leap = self._leap()
+        if leap is None:
             return None
-        old, new = self.queues[:2]
-        newest = old.newest_ns
+        before, first, last, after = leap
+        lasted = abs((last - first) - (after - before)) <= _STAMP_JUMP_NS
+        return after if lasted and abs(after - last) > _STAMP_JUMP_NS else None
+
+    def _leap(self) -> tuple[int, int, int, int] | None:
+        """Return the stamps before, first and last in, and after what may be a leap; ns."""
+        old, new = self.queues[0], self.queues[1] if len(self.queues) > 1 else _Queue()
+        before, first, newest = old.before_run_ns, old.run_ns, old.newest_ns
         if not new.stamps or newest is None:
             return None
-        leap, end, after = self._leap_ahead(), newest, new.stamps[0]
-        if leap is None:  # it may have been one back
-            place = bisect_right(new.stamps, newest)
-            if not 0 < place < len(new.stamps):
-                return None
-            leap = newest, new.stamps[0]
-            end, after = new.stamps[place - 1], new.stamps[place]
-        lasted = abs((end - leap[1]) - (after - leap[0])) <= _STAMP_JUMP_NS
-        return after if lasted and abs(after - end) > _STAMP_JUMP_NS else None
-
-    def _leap_ahead(self) -> tuple[int, int] | None:
-        """Return the leap that the present run began with, if the next epoch begins within it."""
-        old, new = self.queues[:2]
-        before, begin = old.before_run_ns, old.run_ns
-        if before is None or begin is None or not before < new.stamps[0] < begin:
+        if before is not None and first is not None and before < new.stamps[0] < first:
+            return before, first, newest, new.stamps[0]  # one ahead
+        place = bisect_right(new.stamps, newest)
+        if not 0 < place < len(new.stamps):
             return None
-        return before, begin
+        return newest, new.stamps[0], new.stamps[place - 1], new.stamps[place]
 
     def rejoin(self) -> None:
         """Go on in the present epoch after a leap, without the samples taken in it."""
-        (old, new), ahead = self.queues[:2], self._leap_ahead() is not None
+        leap = self._leap()
+        if leap is None:
+            return
+        before, _, last, after = leap
+        (old, new), ahead = self.queues[:2], last > after
         begin = end = len(old.stamps)
         if ahead:
-            begin = bisect_left(old.stamps, new.stamps[0])
-        elif old.newest_ns is not None:
-            end += bisect_right(new.stamps, old.newest_ns)
+            begin = bisect_left(old.stamps, after)
+        else:
+            end += bisect_right(new.stamps, before)
         old.extend(self.queues.pop(1))
         self.drop(begin, end, AHEAD if ahead else BACKWARD)
 
     def go_on_from(self, position_ns: int | None, shift_ns: int) -> None:
         """Go on after a position with stamps of another offset; drop what waits."""
-        self.refused['clock'] += sum(len(one.stamps) for one in (*self.queues, self._behind))
-        self.refused['clock'] += self._held is not None
+        self.refused['clock'] += sum(len(one.stamps) for one in (*self.queues, self._apart))
         self.start_again()
         self.queues[0].newest_ns = position_ns
         self.clock.shift_ns = shift_ns
 
     def finish(self) -> None:
         """End of the record: accept a sample still held back, refuse those still behind."""
-        if self._held is not None:
-            held, self._held = self._held, None
-            self._accept(*held)
-        self._drop_behind()
+        if self._apart.stamps:
+            self._settle(self._is_ahead)

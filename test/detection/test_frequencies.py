@@ -46,6 +46,14 @@ def test_whatever_the_form_says_there_is_a_range(form_hz, rows) -> None:
     assert with_frequency(found, 1.0) == found
 
 
+def test_what_is_told_counts_the_periods_of_the_form(true_form) -> None:
+    """A form that hunts half as fast: a speed is cleared after twice the time."""
+    detector = HuntingDetector(DetectorConfig(), true_form)
+    assert detector.clearances.least_s == 20
+    detector.set_normal_form(slower(true_form, 2.0))
+    assert detector.clearances.least_s == pytest.approx(40, abs=2)
+
+
 def test_nothing_given_is_the_usual_range_and_a_near_form_leaves_it() -> None:
     asked = DetectorConfig()
     assert with_frequency(asked).followed_hz == asked.followed_hz == (1.0, 6.0)

@@ -115,7 +115,7 @@ def test_any_live_run_is_repeated_bit_for_bit(seed: int, recorded) -> None:
         record, spans(int(rng.integers(0, 4))), spans(int(rng.integers(0, 3))), operator, seed
     )
     rig.assert_replayed()
-    with patch('hunt_ros.detection.replay._STRETCH_NS', int(rng.integers(10**8, 10**9))):
+    with patch('hunt_ros.detection.replay._STRETCH', int(rng.integers(50, 500))):
         rig.assert_replayed()
 
 
@@ -151,6 +151,26 @@ def test_a_silence_in_which_the_clock_was_set_back_has_no_negative_length(record
     causes = [event.cause for event in events if event.event == 'input_recovered']
     assert causes
     assert not [cause for cause in causes if 'after -' in cause], causes
+
+
+@pytest.mark.parametrize('name', ['yaw', 'speed'])
+@pytest.mark.parametrize('silent_s', [2.0, 3.0, 7.0])
+def test_a_channel_silent_while_the_clock_was_set_back_is_back_with_the_others(
+    recorded, name: str, silent_s: float
+) -> None:
+    """Its stamps go on ahead as if no clock had been set: all others have left that time."""
+    channels = {}
+    for each, one in recorded(6.0, 20.0).items():
+        seconds = one.stamps_ns / 1e9
+        there = (each != name) | (seconds < 10.0) | (seconds > 10.0 + silent_s)
+        stamps = one.stamps_ns - np.where(seconds < 11.0, 0, 3_000_000_000)
+        channels[each] = Series(stamps[there], one.values[there])
+    detector = HuntingDetector(DetectorConfig(), PAPER)
+    found = collect(watch(Record(channels), detector), detector)
+    assert detector.status.level < Level.STALE, detector.status.reasons
+    last = [e for e in found.events if e.event.startswith('input')][-1]
+    assert (last.event, last.cause[: len(name)]) == ('input_recovered', name)
+    assert found.level_rows.total() * found.period_ns / 1e9 == pytest.approx(20.0, abs=0.1)
 
 
 def test_a_journal_line_that_is_none_is_refused() -> None:

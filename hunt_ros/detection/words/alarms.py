@@ -7,6 +7,7 @@ clock. It is not journalled, for it follows from what is.
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from collections import deque
@@ -32,8 +33,6 @@ UNKNOWN = 'unknown'
 _SURE = 0.1
 #: How far an alarm came, from less to more.
 _FAR = ('amplitude_limit', State.ESCAPING.label, State.LIMIT_CYCLE.label)
-#: What may begin an alarm, or end it.
-_TOLD = {state.label for state in State} | {'limit_exceeded', 'limit_cleared'}
 _COLUMNS = (('lateral', 'highest_amplitude_m'), ('yaw', 'highest_yaw_amplitude_rad'))
 
 
@@ -97,6 +96,13 @@ class Alarm:
         }
 
 
+def _begins(event: Event) -> bool:
+    """Return True for an event with which an alarm may begin."""
+    return event.event in _FAR or (
+        event.event == 'limit_exceeded' and event.test.startswith('alarm_')
+    )
+
+
 class AlarmHistory:
     """
     The last `KEPT` alarms, and totals over all.
@@ -121,12 +127,17 @@ class AlarmHistory:
     def __init__(self, period_ns: int) -> None:
         self._period_ns = period_ns
         self.alarms: deque[Alarm] = deque(maxlen=KEPT)
-        self._lasts = False
-        self._decays = False
+        #: Of the last row whether an alarm lasts, and the latched one.
+        self._last = np.zeros(2, dtype=np.bool_)
         self._hunting_rows = 0
         self.count = 0
         self.since_ns: int | None = None
         self.highest = {name: math.nan for _, name in _COLUMNS}
+
+    @property
+    def _lasting(self) -> Alarm | None:
+        """The alarm that lasts."""
+        return self.alarms[-1] if self.alarms and not self.alarms[-1].over_ns else None
 
     @property
     def codes(self) -> list[str]:
@@ -153,50 +164,35 @@ class AlarmHistory:
         if self.since_ns is None:
             self.since_ns = int(rows['stamp_ns'][0])
         hunting = rows['state'] >= State.ESCAPING
-        told = [event for event in events if event.event in _TOLD]
-        if not (told or self._lasts or hunting.any()):
-            return
         self._hunting_rows += int(np.count_nonzero(hunting))
-        begin = 0
-        for event in told:
-            end = int(np.searchsorted(rows['stamp_ns'], event.stamp_ns))
-            self._measure(rows[begin:end])
-            self._take(event, rows[end])
-            begin = end
-        self._measure(rows[begin:])
-
-    def _take(self, event: Event, row: np.void) -> None:
-        """Begin an alarm at a row, go on with the one that lasts, or end it."""
-        above = int(row['limits']) & ALARMS
-        reached = event.event
-        if event.test.startswith('alarm_') and event.event == 'limit_exceeded':
-            reached = _FAR[0]
-        alarm = self.alarms[-1] if self._lasts else None
-        if reached in _FAR:
-            if alarm and self._decays and alarm.acknowledged_by:
-                # It was taken back while it decayed: this is another one.
-                alarm.over_ns, alarm = event.stamp_ns, None
-            if alarm:
-                alarm.reached = max(alarm.reached, reached, key=_FAR.index)
-            else:
+        now = np.array([hunting | ((rows['limits'] & np.uint32(ALARMS)) != 0), rows['alarm']])
+        before = np.column_stack([self._last, now[:, :-1]])
+        self._last = now[:, -1]
+        # One that was taken back while it decayed is over where the latch says that there is one.
+        begun, over = (now & ~before).any(axis=0), before[0] & ~now[0]
+        cuts = np.flatnonzero(begun | over).tolist()
+        for begin, end in itertools.pairwise(sorted({0, *cuts, rows.size})):
+            stamp_ns = int(rows['stamp_ns'][begin])
+            if (begun[begin] or over[begin]) and (alarm := self._lasting):
+                alarm.over_ns = stamp_ns
+            if begun[begin]:
+                said = next(e for e in events if e.stamp_ns == stamp_ns and _begins(e))
                 self.count += 1
-                began_ns, cause, test = event.since_ns, event.cause, event.test
-                self.alarms.append(Alarm(began_ns, event.stamp_ns, cause, test, reached))
-                self._lasts = True
-        elif alarm and row['state'] < State.ESCAPING and not above:
-            alarm.over_ns, self._lasts = event.stamp_ns, False
-        self._decays = bool(row['state'] == State.DECAYING) and not above
+                self.alarms.append(Alarm(said.since_ns, stamp_ns, said.cause, said.test, _FAR[0]))
+            self._measure(rows[begin:end])
 
     def _measure(self, rows: NDArray[np.void]) -> None:
-        """Take in the amplitudes of rows between two events."""
-        if not self._lasts:
+        """Take in how far the alarm came in rows, and their amplitudes."""
+        if (alarm := self._lasting) is None:
             return
+        far = [state.label for state in State if state.label in _FAR and state in rows['state']]
+        alarm.reached = max([alarm.reached, *far], key=_FAR.index)
         for channel, name in _COLUMNS:
             amplitude, std = rows[f'{channel}_amplitude'], rows[f'{channel}_amplitude_std']
             # Where lateral is that of yaw through the mode shape, its own sensors may be dead.
             sure = amplitude[~rows[f'{channel}_blind'] & (std < _SURE * amplitude)]
             if sure.size:
-                alarm, highest = self.alarms[-1], float(sure.max())
+                highest = float(sure.max())
                 self.highest[name] = float(np.fmax(self.highest[name], highest))
                 setattr(alarm, name, float(np.fmax(getattr(alarm, name), highest)))
 

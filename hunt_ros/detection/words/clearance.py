@@ -11,21 +11,20 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.detection import doubts, health
-from hunt_ros.detection.configuration import DetectorConfig, with_frequency
+from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.output import blank_rows, joined_rows
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.detection.words.reasons import reason_counts
-from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.samples import CHANNELS, NANOSECONDS, as_json
 
-#: Of a rig that hunts at `REFERENCE_HZ`, s: twice the time constant of the noise floor, some
+#: Of the reference rig, s: twice the time constant of the noise floor, some
 #: sixty periods, which tell a mean square to 13 %. As many periods of any other rig.
 _LEAST_S = 20.0
 #: A speed is held while it stays within this band, m/s or a part of it: half a percent of v_c
@@ -103,9 +102,12 @@ class Clearance:
         }
 
 
-@dataclass(frozen=True)
-class _Second:
-    """What the rows of one second come to."""
+class _Second(NamedTuple):
+    """
+    What the rows of one second come to, and of the hold it is in the first one and the range.
+
+    By itself it is a hold of its own.
+    """
 
     number: int
     speed: float
@@ -113,6 +115,9 @@ class _Second:
     minute: float
     trouble: str
     hunts: bool
+    first: int
+    low: float
+    high: float
 
     @classmethod
     def of(cls, rows: NDArray[np.void]) -> _Second:
@@ -128,14 +133,21 @@ class _Second:
             trouble = next(iter(reason_counts(row)), 'the inputs cannot be trusted')
         calm = (rows['region'] == Region.STABLE) & np.isnan(rows['margin'])
         margin = np.where(calm & np.isfinite(rows['outlook']), math.inf, rows['margin_low'])
-        return cls(
-            int(rows['stamp_ns'][0]) // NANOSECONDS,
-            float(rows['speed'].mean()),  # a reading may scatter
-            float(margin.min()),
-            float(rows['outlook'].max()),
-            trouble,
-            bool(hunting.any()),
-        )
+        number = int(rows['stamp_ns'][0]) // NANOSECONDS
+        speed = float(rows['speed'].mean())  # a reading may scatter
+        least, most = float(margin.min()), float(rows['outlook'].max())
+        hold = number, speed, speed
+        return cls(number, speed, least, most, trouble, bool(hunting.any()), *hold)
+
+    def after(self, last: _Second | None) -> _Second:
+        """Return it as one of the hold of the second before, where that goes on."""
+        if last is None or self.number != last.number + 1:
+            return self
+        # Of numpy: what is not known does not vanish.
+        low, high = np.minimum(last.low, self.speed), np.maximum(last.high, self.speed)
+        if not high - low <= max(_BAND_MPS, _BAND * high):
+            return self
+        return self._replace(first=last.first, low=float(low), high=float(high))
 
 
 class Clearances:
@@ -161,21 +173,17 @@ class Clearances:
     """
 
     def __init__(self, config: DetectorConfig) -> None:
-        tuned_hz = with_frequency(config).hunting_frequency_hz
-        self.least_s = math.ceil(_LEAST_S * REFERENCE_HZ / tuned_hz)
-        self.margin_in = config.margin_in
         self.ended: deque[Clearance] = deque(maxlen=_KEPT)
-        self.begin_anew()
+        self.begin_anew(config)
 
-    def begin_anew(self) -> None:
-        """Forget the hold that is under way: another form, a pause."""
+    def begin_anew(self, config: DetectorConfig) -> None:
+        """Forget the hold that is under way: there is another form."""
+        self.least_s = math.ceil(_LEAST_S / config.faster)
+        self.margin_in = config.margin_in
         #: Rows of the second that is not over yet.
         self._open = blank_rows(np.zeros(0, dtype=np.int64))
-        self._end_hold()
-
-    def _end_hold(self) -> None:
+        #: The last ones of the hold.
         self._seconds: deque[_Second] = deque(maxlen=self.least_s)
-        self._first, self._low, self._high = 0, math.inf, -math.inf
 
     def update(self, rows: NDArray[np.void]) -> None:
         """Take rows of ESTIMATE_DTYPE, in order."""
@@ -183,33 +191,19 @@ class Clearances:
         seconds = rows['stamp_ns'] // NANOSECONDS
         *over, self._open = np.split(rows, np.flatnonzero(np.diff(seconds)) + 1)
         for part in over:
-            self._close(_Second.of(part))
+            second = _Second.of(part).after(self._last)
+            if second.first == second.number:  # of another hold
+                self.ended.extend(self._long_enough())
+                self._seconds.clear()
+            self._seconds.append(second)
 
-    def _close(self, second: _Second) -> None:
-        """Take a second that is over."""
-        if not self._goes_on(second):
-            if self._held_s >= self.least_s:
-                self.ended.append(self._judged(self._seconds))
-            self._end_hold()
-            self._first = second.number
-        self._low, self._high = self._range_with(second)
-        self._seconds.append(second)
-
-    def _goes_on(self, second: _Second) -> bool:
-        """Return True where the hold goes on in a second: the next one, and the same speed."""
-        if not self._seconds or second.number != self._seconds[-1].number + 1:
-            return False
-        low, high = self._range_with(second)
-        return high - low <= max(_BAND_MPS, _BAND * high)
-
-    def _range_with(self, second: _Second) -> tuple[float, float]:
-        # Of numpy: what is not known does not vanish.
-        speed = second.speed
-        return float(np.minimum(self._low, speed)), float(np.maximum(self._high, speed))
+    @property
+    def _last(self) -> _Second | None:
+        return self._seconds[-1] if self._seconds else None
 
     @property
     def _held_s(self) -> int:
-        return self._seconds[-1].number + 1 - self._first if self._seconds else 0
+        return self._seconds[-1].number + 1 - self._seconds[-1].first if self._seconds else 0
 
     def now(self, doubt: str = '', forecast_high_mps: float = math.nan) -> Clearance:
         """
@@ -226,8 +220,9 @@ class Clearances:
             return Clearance(reason=doubt or Clearance.reason)
         newest = _Second.of(self._open)
         if self._seconds and self._open['stamp_ns'][-1] % NANOSECONDS < NANOSECONDS // 2:
-            newest = replace(newest, speed=self._seconds[-1].speed)  # too few for a mean
-        if doubt or not self._goes_on(newest):
+            newest = newest._replace(speed=self._seconds[-1].speed)  # too few for a mean
+        newest = newest.after(self._last)
+        if doubt or newest.first == newest.number:
             # Not held yet, but whether it hunts is known.
             reason = doubt or newest.trouble or 'the speed is not held yet'
             hunts = (0.0, 1.0) if newest.hunts and not doubt else (math.nan, math.nan)
@@ -236,8 +231,11 @@ class Clearances:
 
     def all(self) -> list[Clearance]:
         """Return the verdicts of all holds that were long enough, that of now among them."""
-        last = [self._judged(self._seconds)] if self._held_s >= self.least_s else []
-        return [*self.ended, *last]
+        return [*self.ended, *self._long_enough()]
+
+    def _long_enough(self) -> list[Clearance]:
+        """Return the verdict on the hold, if it was long enough for one."""
+        return [self._judged(self._seconds)] if self._held_s >= self.least_s else []
 
     def _judged(
         self, seconds: Sequence[_Second], forecast_high_mps: float = math.nan
@@ -246,30 +244,27 @@ class Clearances:
         # The hold may have begun with the end of a ramp, and end with the beginning of the next.
         held_s, speed = self._held_s, float(np.median([one.speed for one in seconds]))
         trouble = next((one.trouble for one in reversed(seconds) if one.trouble), '')
+        short = held_s < self.least_s
         # Form and forecast contradict each other: then neither number is known.
         below = forecast_high_mps < speed
         margin = chance = math.nan
         if seconds[-1].hunts:
             margin, chance = 0.0, 1.0
-        elif not (trouble or below) and held_s >= self.least_s:
+        elif not (trouble or below or short):
             margin = float(np.min([one.margin for one in seconds]))
             minute = float(np.max([one.minute for one in seconds]))
             chance = 1.0 - (1.0 - minute) ** MINUTES
-        if trouble:
-            reason = trouble
-        elif math.isnan(speed):
-            reason = 'the speed is not known'
-        elif held_s < self.least_s:
-            reason = f'held for {held_s} s of {self.least_s} s'
-        elif below:
-            reason = f'the forecast of v_c is {forecast_high_mps:.2f} m/s at most'
-        elif math.isnan(margin) or math.isnan(chance):
-            reason = 'margin and chance of escape are not known'
-        elif margin < self.margin_in:
-            reason = f'margin {margin:.1f} (95 %), expected {self.margin_in:g} or more'
-        elif chance > _CHANCE:
-            reason = f'chance of an escape in {MINUTES} minutes {100.0 * chance:.0f} %'
-        else:
-            reason = ''
-        begin_ns = self._first * NANOSECONDS
+        against = {
+            trouble: bool(trouble),
+            'the speed is not known': math.isnan(speed),
+            f'held for {held_s} s of {self.least_s} s': short,
+            f'the forecast of v_c is {forecast_high_mps:.2f} m/s at most': below,
+            'margin and chance of escape are not known': math.isnan(margin + chance),
+            f'margin {margin:.1f} (95 %), expected {self.margin_in:g} or more': (
+                margin < self.margin_in
+            ),
+            f'chance of an escape in {MINUTES} minutes {100.0 * chance:.0f} %': chance > _CHANCE,
+        }
+        reason = next((words for words, wrong in against.items() if wrong), '')
+        begin_ns = seconds[-1].first * NANOSECONDS
         return Clearance(begin_ns, speed, float(held_s), margin, chance, reason)

@@ -5,39 +5,38 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.detection import doubts, health
-from hunt_ros.detection.configuration import DetectorConfig, with_frequency
+from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.decision import states
 from hunt_ros.detection.decision.decisions import MARGIN_RESTORE_S
 from hunt_ros.detection.decision.limits import LIMITS, limit_cause
 from hunt_ros.detection.regions import Region, State
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
-from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.samples import CHANNELS, Uncertain
 
-_HUNTING = {State.ESCAPING: 'escaping from the quiet state', State.LIMIT_CYCLE: 'limit cycle'}
 #: A shorter time to the limit cycle is not told: it is there, as far as one can tell, s.
 _SOON_S = 0.1
 #: Less than this, in mm or mrad, is told in um or urad, from this on in m or rad.
 _FINEST, _LARGEST = 1e-3, 1e3
-_LIMIT_BITS = [
-    (1 << number, f'{limit.what} above its {limit.severity} limit')
-    for number, limit in enumerate(LIMITS)
-]
 
 
 class Basis(NamedTuple):
-    """What the numbers of a row were compared with; v_n and v_c, m/s, NaN: none, unknown."""
+    """
+    What the numbers of a row were compared with; v_n and v_c, m/s, NaN: none, unknown.
+
+    `decided` is why the state was said, with the numbers there were then.
+    """
 
     config: DetectorConfig
     v_n: float = math.nan
     v_c: float = math.nan
     form: IdentifiedNormalForm | None = None
+    decided: str = ''
 
     @property
     def normal_form(self) -> str:
@@ -51,61 +50,69 @@ class Basis(NamedTuple):
         return math.nan if fold is None else fold[1]
 
 
-def reasons_of(row: np.void, basis: Basis, decided: str = '') -> tuple[str, ...]:
+class Reason(NamedTuple):
     """
-    Put a row of the estimates into words.
+    What makes a row WARN or worse: a line of the table `REASONS`.
 
     Parameters
     ----------
-    row : void of ESTIMATE_DTYPE
-        One row.
-    basis : Basis
-        What its numbers were compared with.
-    decided : str
-        Why the state was said, with the numbers there were then.
-
-    Returns
-    -------
-    tuple of str
-        The most serious first; empty where all is well.
+    column, bit : str, int
+        Where a row says so; of the column `state` each state has a bit.
+    words : str
+        For an operator.
+    numbers : callable, optional
+        What gives the numbers of a row.
+    code : str
+        Code of an alarm (docs/alarm.md); '' where it makes no row ERROR or STALE.
     """
-    found = channel_reasons(row, health.SEVERE)
-    state = State(int(row['state']))
-    lasted = 1e-9 * (int(row['stamp_ns']) - int(row['state_since_ns']))
-    # Where a clock was set back, the state began on the one before.
-    lasting = f' for {lasted:.1f} s' if lasted >= 0.0 else ''
-    # The numbers are those of the decision, which the ones beside them have left behind since.
-    why = f'{lasting}, at first: {decided}' if decided else ''
-    if state in _HUNTING:
-        time = float(row['time_to_limit_cycle'])
-        soon = state is State.ESCAPING and time >= _SOON_S
-        ends = f', limit cycle in about {time:.1f} s' if soon else ''
-        found.append(_HUNTING[state] + why + ends)
-    for number, (bit, words) in reversed(list(enumerate(_LIMIT_BITS))):  # alarms first
-        if int(row['limits']) & bit:
-            found.append(f'{words}: {limit_cause(row, number, basis.config)}')
-    for bit, words, numbers in _DOUBTS:
-        if int(row['doubts']) & bit:
-            told = why if bit == doubts.DECAYING else ''
-            found.append(words + told if numbers is None else f'{words}: {numbers(row, basis)}')
-    return (*found, *channel_reasons(row, health.MILD))
+
+    column: str
+    bit: int
+    words: str
+    numbers: Callable[[np.void, Basis], str] | None = None
+    code: str = ''
+
+    def among(self, rows: Any) -> Any:
+        """Return for rows (ESTIMATE_DTYPE), or for one, whether it is a reason: not 0."""
+        found = rows[self.column]
+        return (1 << found.astype(np.uint32) if self.column == 'state' else found) & self.bit
 
 
-def channel_reasons(row: np.void, among: int) -> list[str]:
-    """Return what is wrong with the channels in a row, as 'channel: words'."""
-    return [
-        f'{channel}: {words}'
-        for channel in CHANNELS
-        if (wrong := int(row[f'{channel}_wrong']) & among)
-        for bit, words in health.WORDS.items()
-        if wrong & bit
-    ]
+def reasons_of(row: np.void, basis: Basis) -> tuple[str, ...]:
+    """Put a row (ESTIMATE_DTYPE) into words, the most serious first; empty where all is well."""
+    found = []
+    for _, _, words, numbers, _ in filter(lambda reason: reason.among(row), REASONS):
+        between = '' if numbers is _lasting else ': '
+        found.append(words if numbers is None else f'{words}{between}{numbers(row, basis)}')
+    return tuple(found)
+
+
+def causes_of(row: np.void) -> list[str]:
+    """Return the codes of what makes a row ERROR or STALE, the gravest first."""
+    return [reason.code for reason in REASONS if reason.code and reason.among(row)]
+
+
+def reason_counts(rows: NDArray[np.void]) -> Counter[str]:
+    """Count the rows (ESTIMATE_DTYPE) that each reason made WARN or worse, without numbers."""
+    return +Counter({each.words: int(np.count_nonzero(each.among(rows))) for each in REASONS})
 
 
 def absent_words(row: np.void) -> tuple[str, ...]:
     """Return which optional channels are absent in a row, and what that costs."""
     gone = [name for name in CHANNELS if int(row[f'{name}_wrong']) & health.ABSENT]
     return tuple(f'{name} is absent: {health.COSTS[name]}' for name in gone)
+
+
+def _lasting(row: np.void, basis: Basis) -> str:
+    """Say how long the state has lasted, why it was said, and what is ahead."""
+    told, time = '', float(row['time_to_limit_cycle'])
+    if basis.decided:
+        lasted = 1e-9 * (int(row['stamp_ns']) - int(row['state_since_ns']))
+        # Where a clock was set back, the state began on the one before. The numbers are those of
+        # the decision, which the ones beside them have left behind since.
+        told = (f' for {lasted:.1f} s' if lasted >= 0.0 else '') + f', at first: {basis.decided}'
+    soon = row['state'] == State.ESCAPING and time >= _SOON_S
+    return told + (f', limit cycle in about {time:.1f} s' if soon else '')
 
 
 def _number(row: np.void, name: str, unit: str, scale: float = 1.0) -> str:
@@ -219,8 +226,7 @@ def margin_cause(row: np.void, basis: Basis) -> str:
     found = f'unstable amplitude over amplitude is {margin:.3g} ({interval})'
     limit = f'limit {basis.config.margin_in:g}'
     if low and margin >= basis.config.margin_in:
-        tuned_hz = with_frequency(basis.config).hunting_frequency_hz
-        restored_s = MARGIN_RESTORE_S * REFERENCE_HZ / tuned_hz
+        restored_s = MARGIN_RESTORE_S / basis.config.faster
         limit += f' to be kept for {restored_s:.3g} s after it was lower'
     edge = _unstable(row)
     if math.isnan(row['unstable_amplitude']):
@@ -262,19 +268,6 @@ def _two_frequencies(row: np.void, basis: Basis) -> str:
     return f'{own}, the normal form has {form_hz:.3g} Hz{fold}'
 
 
-def reason_counts(rows: NDArray[np.void]) -> Counter[str]:
-    """Count the rows (ESTIMATE_DTYPE) that each reason made WARN or worse, without numbers."""
-    found: Counter[str] = Counter()
-    for state, words in _HUNTING.items():
-        found[words] = int(np.count_nonzero(rows['state'] == state))
-    for column, source, table in _BIT_COLUMNS:
-        there = int(np.bitwise_or.reduce(rows[column]))  # most bits are in no row
-        for bit, words in table:
-            if there & bit:
-                found[source + words] = int(np.count_nonzero(rows[column] & np.uint32(bit)))
-    return +found
-
-
 #: What each doubt is called, and what gives its numbers; in the order in which they are told.
 _DOUBTS: tuple[tuple[int, str, Callable[[np.void, Basis], str] | None], ...] = (
     (doubts.MARGIN, 'low margin', margin_cause),
@@ -298,26 +291,35 @@ _DOUBTS: tuple[tuple[int, str, Callable[[np.void, Basis], str] | None], ...] = (
         'lateral amplitude unknown: yaw is judged, by what its amplitude does alone',
         None,
     ),
-    (doubts.DECAYING, 'hunting is dying out', None),
+    (doubts.DECAYING, 'hunting is dying out', _lasting),
     (doubts.HYSTERESIS, 'hysteresis region: a disturbance can start hunting', region_cause),
     (doubts.UNSTABLE, 'above the linear critical speed', region_cause),
 )
-#: Columns of bits, from where each tells, and what each bit is called.
-_BIT_COLUMNS = (
-    ('limits', '', tuple(_LIMIT_BITS)),
-    ('doubts', '', tuple((bit, words) for bit, words, _ in _DOUBTS)),
-    *((f'{name}_wrong', f'{name}: ', tuple(health.WORDS.items())) for name in CHANNELS),
+_CHANNELS = [
+    Reason(f'{name}_wrong', bit, f'{name}: {words}', None, code and f'{name}_{code}')
+    for name in CHANNELS
+    for bit, words in health.WORDS.items()
+    for code in [health.CODES.get(bit, '')]
+]
+
+
+def _of_limit(number: int) -> Reason:
+    setting, severity, what, *_ = LIMITS[number]
+    return Reason(
+        'limits',
+        1 << number,
+        f'{what} above its {severity} limit',
+        lambda row, basis: limit_cause(row, number, basis.config),
+        setting if severity == 'alarm' else '',
+    )
+
+
+#: Every reason, in the order in which they are told.
+REASONS: tuple[Reason, ...] = (
+    *(each for each in _CHANNELS if each.code),
+    Reason('state', 1 << State.ESCAPING, 'escaping from the quiet state', _lasting, 'escaping'),
+    Reason('state', 1 << State.LIMIT_CYCLE, 'limit cycle', _lasting, 'limit_cycle'),
+    *map(_of_limit, reversed(range(len(LIMITS)))),  # alarms first
+    *(Reason('doubts', *doubt) for doubt in _DOUBTS),
+    *(each for each in _CHANNELS if not each.code),
 )
-
-
-def causes_of(row: np.void) -> list[str]:
-    """Return the codes of what makes a row ERROR or STALE (docs/alarm.md), the gravest first."""
-    state, limits = State(int(row['state'])), int(row['limits'])
-    found = [state.label] if state in _HUNTING else []
-    for number, limit in enumerate(LIMITS):
-        if limit.severity == 'alarm' and limits >> number & 1:
-            found.append(limit.setting)
-    for channel in CHANNELS:
-        wrong = int(row[f'{channel}_wrong'])
-        found += [f'{channel}_{code}' for bit, code in health.CODES.items() if wrong & bit]
-    return found
