@@ -8,7 +8,6 @@ Where nothing but such lines comes, the driver gives up and says what one looks 
 
 from __future__ import annotations
 
-import errno
 import math
 import time
 from dataclasses import dataclass
@@ -74,7 +73,7 @@ class Sensor(SensorDriver):
         ------
         ImportError
             If pyserial is not installed.
-        DriverError
+        RefusedError
             If the port is not there or taken.
         """
         import serial
@@ -84,9 +83,7 @@ class Sensor(SensorDriver):
             self._port = serial.Serial(settings.serial_port, settings.baud_rate, exclusive=True)
         except (OSError, ValueError) as error:
             reason = getattr(error, 'strerror', None) or ' '.join(str(error).split())
-            absent = getattr(error, 'errno', None) == errno.ENOENT  # not plugged in yet
-            kind = DriverError if absent else RefusedError
-            raise kind(f'{self}: cannot open it ({reason})') from error
+            raise RefusedError(f'{self}: cannot open it ({reason})') from error
         self._pending = b''
         self._begun = False  # the end of a line has been seen
         self._bad = 0  # lines one after the other

@@ -49,6 +49,15 @@ def test_readings_become_si_and_a_device_that_is_cut_is_heard_again(graph, modbu
     assert 'Connection to' not in log, 'the library does not write beside our one line'
 
 
+def test_a_port_that_is_not_there_is_an_error_from_the_first_word_on(graph) -> None:
+    pytest.importorskip('serial', reason='the extra serial is not installed')
+    health = graph.told()
+    graph.start('lateral_sensor', driver='serial_line', serial_port='/dev/no_such_port')
+    words = 'serial line /dev/no_such_port at 115200 baud: cannot open it'
+    graph.spin_until(lambda: health.says(words))
+    assert {one['level'] for one in health if words in one['message']} == {'ERROR'}
+
+
 def test_a_sensor_takes_what_another_node_already_publishes(graph) -> None:
     """Fields by the mapping of --channel, with the stamps of their header; no code needed."""
     heard = graph.collect(JointState, 'lateral')
