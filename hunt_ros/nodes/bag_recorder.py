@@ -39,7 +39,7 @@ from hunt_ros.nodes.support.clipper import Clipper
 from hunt_ros.nodes.support.conversions import message_class
 from hunt_ros.nodes.support.diagnostics import Health, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import ESTIMATES
-from hunt_ros.nodes.support.hearing import Calls, Missed, waiting
+from hunt_ros.nodes.support.hearing import Calls, Missed, Said, waiting
 from hunt_ros.nodes.support.node import PARAMETERS, SuiteNode
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import JOURNAL, MEASUREMENTS, latched, stream
@@ -172,7 +172,6 @@ class BagRecorderNode(SuiteNode):
         self._last = 'no recording'
         self._closed = self.create_publisher(String, OWN_TOPIC, latched())
         self._mark = self.create_publisher(String, _MARK_TOPIC, stream(10))
-        self._calls = Calls(self)
         self._parameter_files: dict[str, str] = {}  # by full name of the node
         self.create_subscription(String, PARAMETERS, self._on_parameters, latched(_NODES))
         #: A recording is wanted, and tried again at this time where it cannot be, steady clock.
@@ -183,8 +182,13 @@ class BagRecorderNode(SuiteNode):
         self._look_around()  # who sees that it listens may count on the recording
         for name, (kind, kept) in TOPICS.items():
             self._subscribe(self._full(name), kind, True, kept > 0)
-        words = ('start', 'stop', 'split', 'mark')
-        self.offer_beside({f'recording/{word}': getattr(self, f'_on_{word}') for word in words})
+        answers = {
+            'start-recording': self._on_start,
+            'stop-recording': self._on_stop,
+            'split-recording': self._on_split,
+            'mark': self._on_mark,
+        }
+        Calls(self, answers, beside=True)
         # A long repair of an earlier recording must not keep this one from beginning.
         self.work('closing earlier recordings', self._finalise, 0.0)
         self.create_timer(_ROUND_S, self._round, clock=steady_clock())
@@ -381,14 +385,14 @@ class BagRecorderNode(SuiteNode):
             raise BagError('no recording is running')
         return self._recording
 
-    def _on_start(self) -> str:
+    def _on_start(self, said: Said) -> str:
         with self._busy:
             self._wanted = True
             if self._recording is not None:
                 raise BagError(f'already recording {self._recording.path}')
             return str(self._begin())
 
-    def _on_stop(self) -> str:
+    def _on_stop(self, said: Said) -> str:
         """Close the recording when all that was published before is in it."""
         asked_ns, asked_s = time.time_ns(), self._listened_s
         self._wanted = False
@@ -397,8 +401,8 @@ class BagRecorderNode(SuiteNode):
             # The clock of a publisher may be behind: whatever it says, two heartbeats are over.
             # Nobody can tell that from a backlog that still comes.
             if self._listened_s - asked_s > _RESENT_S:
-                said = 'its clock is behind, or messages are on their way'
-                self.get_logger().warning(f'closed though {late} is older than the stop: {said}')
+                why = 'its clock is behind, or messages are on their way'
+                self.get_logger().warning(f'closed though {late} is older than the stop: {why}')
                 break
             time.sleep(_ROUND_S)
         return str(self._finish())
@@ -418,16 +422,15 @@ class BagRecorderNode(SuiteNode):
                     return topic.name
         return ''
 
-    def _on_split(self) -> str:
+    def _on_split(self, said: Said) -> str:
         self._running().split()
         return 'going on in a new file'
 
-    def _on_mark(self) -> str:
+    def _on_mark(self, said: Said) -> str:
         """Mark this moment, with the words that came just before the call."""
         self._running()
-        words = self._calls.take('mark').words
-        self._mark.publish(String(data=words or 'mark'))
-        return f'marked{", with words" if words else ""}'
+        self._mark.publish(String(data=said.words or 'mark'))
+        return f'marked{", with words" if said.words else ""}'
 
     def _health(self) -> Health:
         if (recording := self._recording) is None:

@@ -31,11 +31,10 @@ from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.support.conversions import diagnostic
 from hunt_ros.nodes.support.diagnostics import Health, NewSince, log, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import EstimatePublishers
-from hunt_ros.nodes.support.hearing import Calls, Channels
+from hunt_ros.nodes.support.hearing import Calls, Channels, Said
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare, declare_normal_form
 from hunt_ros.nodes.support.qos import EVENTS, JOURNAL, STATUS, latched
-from hunt_ros.nodes.support.worker import offer
 from hunt_ros.rig import of_rig
 from hunt_ros.samples import Uncertain
 from hunt_ros.settings import Settings, setting
@@ -87,10 +86,12 @@ class HuntingDetectorNode(SuiteNode):
         self.work(_TASK, self._accompany)
         self.create_subscription(String, 'hunting/normal_form', self._on_form, latched())
         self._alarms = self.create_publisher(String, 'hunting/alarms', latched())
-        self._calls = Calls(self)
-        offer(self, 'hunting/acknowledge_alarm', self._acknowledge)
-        offer(self, 'hunting/alarm_history', lambda: self._detector.history.to_text())
-        offer(self, 'hunting/accept_normal_form', self._accept)
+        answers = {
+            'acknowledge': self._acknowledge,
+            'alarm-history': lambda said: self._detector.history.to_text(),
+            'accept-form': self._accept,
+        }
+        Calls(self, answers)
         rate_hz, frame_id = self._config.output_rate_hz, self._settings.frame_id
         self._inbox = Channels(self, self._config.channels)
         self._estimates = EstimatePublishers(self, rate_hz, frame_id)
@@ -220,19 +221,18 @@ class HuntingDetectorNode(SuiteNode):
         if not output.events:  # before the first row it is none
             self.get_logger().info('a new normal form is in force')
 
-    def _accept(self) -> str:
+    def _accept(self, said: Said) -> str:
         if self._waiting is None:
             raise ConfigError('no normal form is waiting')
         self._take_over(self._waiting)
         return ''
 
-    def _acknowledge(self) -> str:
-        call = self._calls.take('acknowledge')
-        by = call.words or call.who
+    def _acknowledge(self, said: Said) -> str:
         self._drain()
-        said = '' if self._detector.history.codes else 'there was no alarm to acknowledge'
-        self._publish(self._detector.acknowledge(self.get_clock().now().nanoseconds, by))
-        return said
+        answer = '' if self._detector.history.codes else 'there was no alarm to acknowledge'
+        now_ns = self.get_clock().now().nanoseconds
+        self._publish(self._detector.acknowledge(now_ns, said.words or said.who))
+        return answer
 
     def _health(self) -> Health:
         status = self._detector.status

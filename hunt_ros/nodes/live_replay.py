@@ -24,11 +24,10 @@ from hunt_ros.bag.record_writer import messages_of
 from hunt_ros.errors import BagError, ConfigError
 from hunt_ros.nodes.support.conversions import message_class, to_time
 from hunt_ros.nodes.support.diagnostics import Health
-from hunt_ros.nodes.support.hearing import UNNAMED
+from hunt_ros.nodes.support.hearing import UNNAMED, Calls, Said
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import MEASUREMENTS, stream
-from hunt_ros.nodes.support.worker import offer
 from hunt_ros.samples import NANOSECONDS, Record, Series
 from hunt_ros.sensors import DISPLACEMENTS, MOTION
 from hunt_ros.settings import Settings, setting
@@ -90,8 +89,7 @@ class LiveReplayNode(SuiteNode):
         self._outputs: list[Publisher] = []
         self._messages = messages_of(part, self._output, self.get_namespace())
         self._heard = False
-        offer(self, 'replay/pause', self._pause)
-        offer(self, 'replay/resume', self._resume)
+        Calls(self, {'pause-replay': self._pause, 'resume-replay': self._resume})
         self.work('replay', self._play)
 
     def _company(self, ours: int) -> str:
@@ -158,11 +156,11 @@ class LiveReplayNode(SuiteNode):
     def _say_time(self, stamp_ns: int) -> None:
         self._clock_publisher.publish(Clock(clock=to_time(stamp_ns)))
 
-    def _pause(self) -> str:
+    def _pause(self, said: Said) -> str:
         self._playing = False
         return ''
 
-    def _resume(self) -> str:
+    def _resume(self, said: Said) -> str:
         self._playing = True
         return ''
 

@@ -26,11 +26,11 @@ from hunt_ros.errors import HuntError, one_line
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.nodes.support.diagnostics import Health
 from hunt_ros.nodes.support.form_files import FormFiles
+from hunt_ros.nodes.support.hearing import Calls, Said
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare, declare_normal_form
 from hunt_ros.nodes.support.qos import latched
 from hunt_ros.nodes.support.refit import refit
-from hunt_ros.nodes.support.worker import offer
 from hunt_ros.rig import of_rig
 from hunt_ros.samples import counted
 from hunt_ros.settings import Settings, setting
@@ -87,8 +87,7 @@ class NormalFormIdentifierNode(SuiteNode):
         self._state = ('OK', 'no recording yet')
         self._publisher = self.create_publisher(String, 'hunting/normal_form', latched())
         self.create_subscription(String, 'recording/closed', self._on_closed, latched())
-        offer(self, 'identify', self._on_identify)
-        offer(self, 'hunting/revert_normal_form', self._on_revert)
+        Calls(self, {'identify': self._on_identify, 'revert-form': self._on_revert})
         self._take_up(declare_normal_form(self, self._config.rig_name))
         self.work(_TASK, self._follow)
 
@@ -119,18 +118,18 @@ class NormalFormIdentifierNode(SuiteNode):
         if self._config.on_close:
             self._ordered.set()
 
-    def _on_identify(self) -> str:
+    def _on_identify(self, said: Said) -> str:
         """Begin an identification; no success where there is nothing, or the last one failed."""
         if not self._seen:
             raise HuntError('no recording was closed yet')
         self._ordered.set()
-        said = f'identifying from {counted(self._recordings, "recording")}'
+        words = f'identifying from {counted(self._recordings, "recording")}'
         level, text = self._state
         if level != 'OK':
-            raise HuntError(f'{said}; the last identification failed: {text}')
-        return said
+            raise HuntError(f'{words}; the last identification failed: {text}')
+        return words
 
-    def _on_revert(self) -> str:
+    def _on_revert(self, said: Said) -> str:
         """Go back to the form before the newest; it is the operator who wants it so."""
         with self._lock:
             text = self._files.go_back()
@@ -140,9 +139,9 @@ class NormalFormIdentifierNode(SuiteNode):
             self._base = tuple(map(Path, IdentifiedNormalForm.from_yaml(text).recordings))
             self._publisher.publish(String(data=text))
             self._state = ('OK', 'back to the normal form before, by the operator')
-        said = f'{self._files.newest} is the earlier form again'
-        self.get_logger().warning(said)
-        return said
+        words = f'{self._files.newest} is the earlier form again'
+        self.get_logger().warning(words)
+        return words
 
     @property
     def _recordings(self) -> int:

@@ -28,10 +28,10 @@ from hunt_ros.dynamics.simulation import RollerRig, Roughness, SensorModel, Simu
 from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.support.conversions import to_ns, to_time
 from hunt_ros.nodes.support.diagnostics import Health
+from hunt_ros.nodes.support.hearing import Calls, Said
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import STATUS, stream
-from hunt_ros.nodes.support.worker import offer
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
@@ -172,7 +172,7 @@ class RigSimulatorNode(SuiteNode):
         self._origin_ns = _FIRST_STAMP_NS
         self._samples = 0
         self._behind_s = 0.0  # real time
-        offer(self, 'simulator/kick', self._on_kick)
+        Calls(self, {'kick': self._on_kick})
         self.work('simulation', self._simulate)
 
     def close(self) -> None:
@@ -249,7 +249,7 @@ class RigSimulatorNode(SuiteNode):
         while self._kicks and self._kicks[0][0] <= elapsed_s:
             self._rig.kick(self._kicks.pop(0)[1])
 
-    def _on_kick(self) -> str:
+    def _on_kick(self, said: Said) -> str:
         self._kicks.insert(0, (0.0, self._config.kick_m))  # due at once
         return 'the wheelset was hit'
 

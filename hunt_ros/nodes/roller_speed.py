@@ -21,7 +21,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool
 
 from hunt_ros.drivers import safety_state
 from hunt_ros.drivers.base import DriveBlock, DriveDriver
@@ -40,10 +39,9 @@ from hunt_ros.nodes.support.ending import abandoned
 from hunt_ros.nodes.support.hearing import Calls, Channels, Said
 from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import EVENTS, MEASUREMENTS, STATUS, latched, stream
-from hunt_ros.nodes.support.worker import Worker, offer
+from hunt_ros.nodes.support.worker import Worker
 from hunt_ros.rig import of_rig
 from hunt_ros.samples import NANOSECONDS
-from hunt_ros.services import SERVICES
 from hunt_ros.settings import Settings, setting
 from hunt_ros.suite import AGAIN
 
@@ -160,23 +158,22 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         self._events = self.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
         self.create_subscription(DiagnosticArray, 'hunting/status', self._on_detector, STATUS)
         self._lateral = Channels(self, ['lateral'])
-        self._calls = Calls(self)
         guard, now = self._guard, self._steady_ns
         asked: dict[str, Callable[[Said], str]] = {
             'rearm': self._rearm,
+            'arm-interlock': partial(self._arm, True),
+            'disarm-interlock': partial(self._arm, False),
             'stop-profile': lambda said: guard.stop(said.who),
             'start-profile': lambda said: _done(guard.start(now(), said.who)),
             'resume-profile': lambda said: _done(guard.start(now(), said.who, resume=True)),
             'shelve-alarm': lambda said: guard.shelve(said.words, said.who),
         }
-        for word, act in asked.items():
-            offer(self, SERVICES[word].name, partial(self._asked, word, act))
-        self.create_service(SetBool, 'speed/arm_interlock', self._arm)
+        Calls(self, asked)
         self.create_timer(SET_POINT_S, self._send_next, clock=self._steady)
         self.create_timer(_WATCH_S, self._watch, clock=self._steady)
         self.create_timer(_STATUS_S, self._report, clock=self._steady)
         # Of its own thread: it waits for the encoder, and works where the executor hangs.
-        self.offer_beside({'speed/emergency_stop': self._emergency_stop})
+        Calls(self, {'emergency-stop': self._emergency_stop}, beside=True)
         self._keeper = Worker(self._diagnostics.failed, 'safety state', self._keep)
         interlock = self._guard.interlock
         if interlock.state != 'armed':
@@ -333,23 +330,16 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         self._events.publish(diagnostic(now_ns, change.event, level, cause, values, rig))
         log(self, level, f'{change.event}: {cause}')
 
-    def _asked(self, word: str, act: Callable[[Said], str]) -> str:
-        return act(self._calls.take(word))
-
     def _rearm(self, said: Said) -> str:
         change, refusal = self._guard.rearm(self._steady_ns(), said.who)
         self._tell(change)
         return _done(refusal)
 
-    def _arm(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+    def _arm(self, armed: bool, said: Said) -> str:
         """Arm or disarm the interlock; what it holds is held until `rearm`."""
-        word = 'arm-interlock' if request.data else 'disarm-interlock'
-        who = self._calls.take(word).who
-        change, refusal = self._guard.arm(self._steady_ns(), request.data, who)
+        change, refusal = self._guard.arm(self._steady_ns(), armed, said.who)
         self._tell(change)
-        response.success = not refusal
-        response.message = refusal or self._guard.interlock.state
-        return response
+        return _done(refusal) or self._guard.interlock.state
 
     def _send_next(self) -> None:
         """Post the set point that holds now, if there is one and a drive to take it."""
@@ -358,7 +348,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         if self._note not in ('', before):
             self.get_logger().info(f'profile: {self._note}')
 
-    def _emergency_stop(self) -> str:
+    def _emergency_stop(self, said: Said) -> str:
         """
         Stop, and say whether the roller slows down.
 
@@ -366,8 +356,8 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         drive that took it may not obey. The stop is sent again until `rearm`.
         """
         guard, emergency_mps = self._guard, self._config.emergency_speed_mps
-        who = self._calls.take('emergency-stop').who
-        number, slowed_mps = guard.emergency_stop(emergency_mps, self._profile_ns(), who)
+        now_ns = self._profile_ns()
+        number, slowed_mps = guard.emergency_stop(emergency_mps, now_ns, said.who)
         began_s = time.monotonic()
         while not (problem := self._absence()):
             if guard.answered >= number and guard.refusal:

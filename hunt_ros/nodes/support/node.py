@@ -27,7 +27,7 @@ from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.support.ending import CLOSING_S
 from hunt_ros.nodes.support.parameters import parameter_file
 from hunt_ros.nodes.support.qos import latched
-from hunt_ros.nodes.support.worker import Worker, hidden_node, offer
+from hunt_ros.nodes.support.worker import Worker, hidden_node
 from hunt_ros.suite import hold
 
 _FIXED = 'use_sim_time: taken at the start only'
@@ -146,16 +146,6 @@ class SuiteNode(Node):
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         self.work(what, partial(_serve, executor), 0.0)
-
-    def offer_beside(self, answers: Mapping[str, Callable[[], str]]) -> None:
-        """Offer Trigger services beside the node, see `offer`; they are answered one by one."""
-
-        def offered(node: Node) -> None:
-            """Offer them all."""
-            for name, answer in answers.items():
-                offer(node, name, answer, self)
-
-        self.beside('services', offered)
 
     def begin(self) -> None:
         """Begin what waits for hardware: the node is made, and its parameters are known."""
