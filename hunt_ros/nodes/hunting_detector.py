@@ -37,7 +37,7 @@ from hunt_ros.nodes.support.parameters import declare, declare_normal_form
 from hunt_ros.nodes.support.qos import EVENTS, JOURNAL, STATUS, latched
 from hunt_ros.rig import of_rig
 from hunt_ros.samples import Uncertain
-from hunt_ros.settings import Settings, setting
+from hunt_ros.settings import Settings
 from hunt_ros.suite import Awaited
 
 #: Samples are handed over so often, s: less often costs less, and estimates are as much later.
@@ -54,7 +54,6 @@ _TASK = 'criteria and forecast'
 class DetectorNodeConfig(Settings):
     """Parameters of the node itself; those of the detector are `DetectorConfig`."""
 
-    frame_id: str = setting('roller_rig', 'frame_id of the messages.')
     rig_name: str = of_rig('rig_name')
 
 
@@ -92,9 +91,8 @@ class HuntingDetectorNode(SuiteNode):
             'accept-form': self._accept,
         }
         Calls(self, answers)
-        rate_hz, frame_id = self._config.output_rate_hz, self._settings.frame_id
         self._inbox = Channels(self, self._config.channels)
-        self._estimates = EstimatePublishers(self, rate_hz, frame_id)
+        self._estimates = EstimatePublishers(self, self._config.output_rate_hz)
         # A clock that is set back, or stands still, would hold a timer of its own up.
         self.create_timer(_HAND_OVER_S, self._drain, clock=steady_clock())
         self.create_timer(_TICK_S, self._tick, clock=steady_clock())

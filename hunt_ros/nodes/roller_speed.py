@@ -68,7 +68,6 @@ class SpeedConfig(Settings):
     driver: str = setting(
         'simulated', 'The drive, docs/drivers.md; its settings are parameters too.', fixed=True
     )
-    frame_id: str = setting('roller_rig', 'frame_id of the messages.', fixed=True)
     roller_diameter_m: float = of_rig('roller_diameter_m')
     profile: str = setting(
         '', 'Speed profile (docs/profiles.md): its text, or the path of a file; empty: none.'
@@ -150,7 +149,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         self._left = False  # at the end, as it is: nothing trips any more
         self._ending = False  # it was asked to end
         self._new = NewSince()
-        self._written = joint_writer(['roller'], self._config.frame_id, velocity=True)
+        self._written = joint_writer(['roller'], velocity=True)
         self._speed = self.create_publisher(TwistStamped, 'speed', stream(MEASUREMENTS))
         self._announced = self.create_publisher(JointState, 'roller', stream(MEASUREMENTS))
         self._target = self.create_publisher(TwistStamped, 'speed/target', STATUS)
@@ -248,7 +247,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         refused, taken_mps = self._guard.refusal, self._guard.hand_over(driver)
         if taken_mps is not None:
             now_ns = self.get_clock().now().nanoseconds
-            self._target.publish(twist(now_ns, taken_mps, self._config.frame_id))
+            self._target.publish(twist(now_ns, taken_mps))
         if self._guard.refusal and not refused:
             self.get_logger().error(f'set point: {self._guard.refusal}')
 
@@ -266,7 +265,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             rate = 2.0 * speed_mps / self._diameter_m
             if not math.isnan(angle_rad):  # a drive may have no encoder
                 self._announced.publish(self._written(stamp_ns, angle_rad, rate))
-            self._speed.publish(twist(stamp_ns, speed_mps, self._config.frame_id))
+            self._speed.publish(twist(stamp_ns, speed_mps))
         self._published += block.stamps_ns.size
 
     def _lose(self, count: int) -> None:

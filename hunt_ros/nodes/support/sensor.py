@@ -42,7 +42,6 @@ class SensorConfig(Settings):
         low=10.0,  # the detector calls a channel silent after 0.3 s
         high=2000.0,
     )
-    frame_id: str = setting('roller_rig', 'frame_id of the messages.')
 
 
 class SensorNode(DriverNode[SensorDriver]):
@@ -62,7 +61,7 @@ class SensorNode(DriverNode[SensorDriver]):
             self._config.driver, 'Sensor', channel, self._config.sample_rate_hz
         )
         self._calibration = given.within(*driver.range)
-        self._written = joint_writer([channel], self._config.frame_id)
+        self._written = joint_writer([channel])
         self._published = self._lost = self._bad = self._saturated = 0
         self._progress = 0, 0  # published, and the last stamp; set by the driver's thread at once
         self._told_ns = 0  # the last stamp of the last report
