@@ -31,7 +31,7 @@ from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare, declare_normal_form
 from hunt_ros.nodes.support.qos import latched
 from hunt_ros.nodes.support.refit import refit
-from hunt_ros.rig import of_rig
+from hunt_ros.rig import Rig
 from hunt_ros.samples import counted
 from hunt_ros.settings import Settings, setting
 
@@ -40,34 +40,13 @@ _TASK, _LOOK_S = 'identification', 0.5
 
 @dataclass(frozen=True)
 class IdentifierConfig(Settings):
-    """Parameters of the identifier."""
+    """Parameters of the identifier, beside those of the rig."""
 
     directory: str = setting('./recordings', 'Where the parameter files go.', fixed=True)
-    rig_name: str = of_rig('rig_name')
     on_close: bool = setting(True, 'Identify whenever a recording is closed.')
     history: int = setting(
         8, 'Use so many of the last recordings together.', low=1, high=1000, fixed=True
     )
-    length_scale_m: float = of_rig('length_scale_m')
-    time_scale_s: float = of_rig('time_scale_s')
-    hunting_frequency_hz: float = of_rig('hunting_frequency_hz')
-    lines: tuple[float, ...] = of_rig('lines')
-    roller_diameter_m: float = of_rig('roller_diameter_m')
-    wheel_diameter_m: float = of_rig('wheel_diameter_m')
-    speed_resolution_mps: float = of_rig('speed_resolution_mps')
-    speed_scale_std: float = of_rig('speed_scale_std')
-    lateral_range_m: float = of_rig('lateral_range_m')
-    flange_clearance_m: float = of_rig('flange_clearance_m')
-    prior_v_c: tuple[float, ...] = of_rig('prior_v_c')
-    prior_D1: tuple[float, ...] = of_rig('prior_D1')
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.identification()
-
-    def identification(self) -> IdentificationSettings:
-        """Return what the identification is told of the rig; raises ConfigError."""
-        return IdentificationSettings.of(self)
 
 
 class NormalFormIdentifierNode(SuiteNode):
@@ -76,6 +55,7 @@ class NormalFormIdentifierNode(SuiteNode):
     def __init__(self) -> None:
         super().__init__('normal_form_identifier')
         self._config = declare(self, IdentifierConfig, partial(setattr, self, '_config'))
+        self._settings = IdentificationSettings.of(declare(self, Rig))
         self._files = FormFiles(Path(self._config.directory))
         self._seen: deque[Path] = deque(maxlen=1000)
         self._waiting: list[Path] = []
@@ -88,7 +68,7 @@ class NormalFormIdentifierNode(SuiteNode):
         self._publisher = self.create_publisher(String, 'hunting/normal_form', latched())
         self.create_subscription(String, 'recording/closed', self._on_closed, latched())
         Calls(self, {'identify': self._on_identify, 'revert-form': self._on_revert})
-        self._take_up(declare_normal_form(self, self._config.rig_name))
+        self._take_up(declare_normal_form(self, self._settings.rig_name))
         self.work(_TASK, self._follow)
 
     def _take_up(self, given: IdentifiedNormalForm | None) -> None:
@@ -96,7 +76,7 @@ class NormalFormIdentifierNode(SuiteNode):
         try:
             form = given or self._files.kept()
             if form is not None:
-                form.refuse_other(self._config.rig_name, str(self._files.newest))
+                form.refuse_other(self._settings.rig_name, str(self._files.newest))
         except HuntError as error:
             self.get_logger().error(str(error))
             return
@@ -176,7 +156,7 @@ class NormalFormIdentifierNode(SuiteNode):
         begin = time.monotonic()
         with tempfile.TemporaryDirectory() as folder:
             whole = Path(folder) / 'whole.npz'
-            found = refit(paths, self._config.identification(), whole, stopping)
+            found = refit(paths, self._settings, whole, stopping)
             for warning in (*found.unreadable.values(), *found.warnings):
                 self.get_logger().warning(warning)
             with self._lock:
@@ -193,7 +173,7 @@ class NormalFormIdentifierNode(SuiteNode):
                 form = IdentifiedNormalForm.from_yaml(found.form)
                 lines = {f'{RECORDING}{k}': str(path) for k, path in enumerate(self._base, 1)}
                 provenance = {**form.provenance, **lines}
-                form = replace(form, rig_name=self._config.rig_name, provenance=provenance)
+                form = replace(form, rig_name=self._settings.rig_name, provenance=provenance)
                 text = form.to_yaml()
                 path = self._files.keep(text, whole)
                 self._publisher.publish(String(data=text))

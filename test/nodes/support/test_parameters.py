@@ -34,8 +34,7 @@ LIVE = {
     | _taken(DriveLimits)
     | _taken(InterlockSettings),
     'rig_simulator': {'kick_m'},
-    # With the next identification.
-    'normal_form_identifier': {'on_close', 'lateral_range_m', 'rig_name'},
+    'normal_form_identifier': {'on_close'},
     'bag_recorder': {  # with the next recording
         'rig_name', 'operator', 'notes', 'prefix', 'split_s', 'split_mib', 'buffer_mib', 'chunk_s',
         'least_free_mib',
