@@ -63,7 +63,7 @@ def test_a_sensor_takes_what_another_node_already_publishes(graph) -> None:
     heard = graph.collect(JointState, 'lateral')
     health = graph.told()
     source = '/daq/imu.linear_acceleration.y*0.5+1'
-    graph.start('lateral_sensor', driver='topic', source=source, discovery_s=0.2)
+    graph.start('lateral_sensor', driver='topic', source=source)
     graph.spin_until(lambda: health.says('nobody publishes /daq/imu'))
     # As drivers of sensors publish: best effort.
     publisher = graph.node.create_publisher(Imu, '/daq/imu', qos_profile_sensor_data)
