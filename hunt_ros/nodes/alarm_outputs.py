@@ -26,7 +26,7 @@ from hunt_ros.nodes.support.ending import abandoned
 from hunt_ros.nodes.support.hearing import Calls, Said
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare
-from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
+from hunt_ros.nodes.support.qos import hear
 from hunt_ros.suite import Awaited
 
 _LOOK_S = 0.05
@@ -57,9 +57,9 @@ class AlarmOutputsNode(SuiteNode):
         if self._proof is not None and self._proof.exists():
             self._tested = _as_clock(self._proof.stat().st_mtime)
         self._changed = {name: threading.Event() for name in self._outputs}
-        self.create_subscription(DiagnosticArray, 'hunting/status', self._on_status, STATUS)
-        self.create_subscription(DiagnosticArray, 'speed/status', self._on_drive, latched())
-        self.create_subscription(DiagnosticArray, 'hunting/events', self._on_event, EVENTS)
+        hear(self, 'hunting/status', self._on_status)
+        hear(self, 'speed/status', self._on_drive)
+        hear(self, 'hunting/events', self._on_event)
         self.create_timer(_LOOK_S, self._look, clock=steady_clock())
         Calls(self, {'test-alarm': self._on_test}, beside=True)
         for name in self._outputs:

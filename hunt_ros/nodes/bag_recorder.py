@@ -30,7 +30,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
-from hunt_ros.bag.messages import DIAGNOSTIC_ARRAY, STRING
 from hunt_ros.bag.recording import Recording, RecordingLimits, RecordingState
 from hunt_ros.bag.repair import finalise_left
 from hunt_ros.errors import BagError, ConfigError
@@ -40,33 +39,15 @@ from hunt_ros.nodes.support.conversions import message_class
 from hunt_ros.nodes.support.diagnostics import Health, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import ESTIMATES
 from hunt_ros.nodes.support.hearing import Calls, Missed, Said, waiting
-from hunt_ros.nodes.support.node import PARAMETERS, SuiteNode
+from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare
-from hunt_ros.nodes.support.qos import JOURNAL, MEASUREMENTS, latched, stream
+from hunt_ros.nodes.support.qos import MEASUREMENTS, TOPICS, announce, latched, stream
 from hunt_ros.rig import of_rig
-from hunt_ros.sensors import CHANNEL_FIELDS, TWIST_STAMPED
 from hunt_ros.services import SERVICES
 from hunt_ros.settings import setting
 from hunt_ros.suite import Awaited
 
-#: What the operator wrote; the service of this name marks the moment of its call.
-_MARK_TOPIC = 'recording/mark'
-#: Subscribed before their publishers appear, so that their first message is in the bag: type, and
-#: how many messages its publisher keeps for who comes late, of the log the last lines. 0: none.
-TOPICS: dict[str, tuple[str, int]] = {
-    **{channel: (kind, 0) for channel, (kind, _) in CHANNEL_FIELDS.items()},
-    'speed/target': (TWIST_STAMPED, 0),
-    'speed/status': (DIAGNOSTIC_ARRAY, 1),
-    'hunting/status': (DIAGNOSTIC_ARRAY, 0),
-    'hunting/events': (DIAGNOSTIC_ARRAY, 0),
-    'hunting/alarms': (STRING, 1),
-    'hunting/normal_form': (STRING, 1),
-    'hunting/journal': (STRING, JOURNAL.depth),
-    _MARK_TOPIC: (STRING, 0),
-    '/diagnostics': (DIAGNOSTIC_ARRAY, 0),
-    '/rosout': ('rcl_interfaces/msg/Log', 100),
-}
-#: The graph does not tell it of others.
+#: A latched topic keeps so many messages of those that are none of the suite's.
 _FOREIGN_KEPT = 1000
 #: Of the whole graph, recorded beside the namespace of the rig.
 GLOBAL_TOPICS = ('/diagnostics', '/parameter_events', '/rosout')
@@ -74,7 +55,7 @@ OWN_TOPIC = 'recording/closed'
 #: Not recorded: it would name the recording in itself; parameters, which stand beside the
 #: messages; and what is said with calls, for what comes of it is, and who calls waits until the
 #: node that is meant hears it, not a recorder.
-_LEFT_OUT = (OWN_TOPIC, PARAMETERS, *{f'{service.node}/calls' for service in SERVICES.values()})
+_LEFT_OUT = (OWN_TOPIC, 'parameters', *{f'{service.node}/calls' for service in SERVICES.values()})
 #: So many nodes may tell their parameters at once.
 _NODES = 100
 #: What a reader missed is sent again after the heartbeat of its writer, every 3 s by default. One
@@ -169,19 +150,22 @@ class BagRecorderNode(SuiteNode):
         #: For how long the node has listened, s; a time in which it was held up is none.
         self._listened_s = 0.0
         self._refused: set[str] = set()
+        full = {self._full(name): topic for name, topic in TOPICS.items()}
+        self._known = {name: topic for name, topic in full.items() if self._wants(name)}
         self._last = 'no recording'
-        self._closed = self.create_publisher(String, OWN_TOPIC, latched())
-        self._mark = self.create_publisher(String, _MARK_TOPIC, stream(10))
+        self._closed = announce(self, OWN_TOPIC)
+        self._mark = announce(self, 'recording/mark')
         self._parameter_files: dict[str, str] = {}  # by full name of the node
-        self.create_subscription(String, PARAMETERS, self._on_parameters, latched(_NODES))
+        self.create_subscription(String, 'parameters', self._on_parameters, latched(_NODES))
         #: A recording is wanted, and tried again at this time where it cannot be, steady clock.
         self._wanted, self._again_s = self._config.autostart, 0.0
         self._events_name = self._full('hunting/events')
         least_free = lambda: int(self._config.least_free_mib * 2**20)  # noqa: E731
         self._clipper = Clipper(self, self._goes_on, least_free)
         self._look_around()  # who sees that it listens may count on the recording
-        for name, (kind, kept) in TOPICS.items():
-            self._subscribe(self._full(name), kind, True, kept > 0)
+        # Before their publishers appear, so that their first message is in the bag.
+        for name, (kind, quality) in self._known.items():
+            self._subscribe(name, kind, True, _is_latched(quality))
         answers = {
             'start-recording': self._on_start,
             'stop-recording': self._on_stop,
@@ -296,8 +280,7 @@ class BagRecorderNode(SuiteNode):
             offers = [info.qos_profile for info in self._offers(name)]
             if offers:
                 reliable = all(q.reliability != ReliabilityPolicy.BEST_EFFORT for q in offers)
-                kept = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in offers)
-                self._subscribe(name, kinds[0], reliable, kept)
+                self._subscribe(name, kinds[0], reliable, all(map(_is_latched, offers)))
 
     def _offers(self, name: str) -> Sequence[Any]:
         return self.get_publishers_info_by_topic(name) if self._wants(name) else ()
@@ -313,8 +296,7 @@ class BagRecorderNode(SuiteNode):
             return
         with self._busy:
             if topic is None:
-                depths = {self._full(each): depth for each, (_, depth) in TOPICS.items()}
-                kept = depths.get(name, _FOREIGN_KEPT)
+                kept = self._known[name][1].depth if name in self._known else _FOREIGN_KEPT
                 topic = self._topics[name] = _Topic(self, name, kind, is_latched, kept)
                 if self._recording is not None:
                     topic.key = self._recording.topic(name, kind, latched=is_latched)
@@ -451,6 +433,10 @@ class BagRecorderNode(SuiteNode):
             waits = 'use_sim_time is set, and no /clock comes: nothing is recorded'
             return Awaited('STALE'), waits, values
         return *_judged(state), values
+
+
+def _is_latched(quality: QoSProfile) -> bool:
+    return quality.durability == DurabilityPolicy.TRANSIENT_LOCAL
 
 
 def _free_bytes(path: Path) -> int | str:

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from queue import SimpleQueue
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
 from std_msgs.msg import String
 
@@ -34,7 +33,7 @@ from hunt_ros.nodes.support.estimate_publishers import EstimatePublishers
 from hunt_ros.nodes.support.hearing import Calls, Channels, Said
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare, declare_normal_form
-from hunt_ros.nodes.support.qos import EVENTS, JOURNAL, STATUS, latched
+from hunt_ros.nodes.support.qos import announce, hear
 from hunt_ros.rig import of_rig
 from hunt_ros.samples import Uncertain
 from hunt_ros.settings import Settings
@@ -74,17 +73,17 @@ class HuntingDetectorNode(SuiteNode):
         load()  # no first sample waits for its machine code
         self._detector = HuntingDetector(self._config, self._form)
         self._alarms_said = ''
-        self._status = self.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
-        self._events = self.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
-        self._journal = self.create_publisher(String, 'hunting/journal', JOURNAL)
+        self._status = announce(self, 'hunting/status')
+        self._events = announce(self, 'hunting/events')
+        self._journal = announce(self, 'hunting/journal')
         beside, rig = self._beside, None
         if beside.forecast == 'wheelset':
             rig = RigParameters.read(beside.forecast_rig)
         self._companions = Companions(beside, self._config, rig)
         self._motions: SimpleQueue[NDArray[np.void]] = SimpleQueue()
         self.work(_TASK, self._accompany)
-        self.create_subscription(String, 'hunting/normal_form', self._on_form, latched())
-        self._alarms = self.create_publisher(String, 'hunting/alarms', latched())
+        hear(self, 'hunting/normal_form', self._on_form)
+        self._alarms = announce(self, 'hunting/alarms')
         answers = {
             'acknowledge': self._acknowledge,
             'alarm-history': lambda said: self._detector.history.to_text(),

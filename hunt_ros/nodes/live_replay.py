@@ -22,12 +22,12 @@ from hunt_ros.bag import ChannelSource, read_record
 from hunt_ros.bag.clocks import going_on
 from hunt_ros.bag.record_writer import messages_of
 from hunt_ros.errors import BagError, ConfigError
-from hunt_ros.nodes.support.conversions import message_class, to_time
+from hunt_ros.nodes.support.conversions import to_time
 from hunt_ros.nodes.support.diagnostics import Health
 from hunt_ros.nodes.support.hearing import UNNAMED, Calls, Said
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare
-from hunt_ros.nodes.support.qos import MEASUREMENTS, stream
+from hunt_ros.nodes.support.qos import announce
 from hunt_ros.samples import NANOSECONDS, Record, Series
 from hunt_ros.sensors import DISPLACEMENTS, MOTION
 from hunt_ros.settings import Settings, setting
@@ -85,9 +85,9 @@ class LiveReplayNode(SuiteNode):
             time.sleep(_LOOK_S)
             if company := self._company(ours=0):
                 raise ConfigError(company)
-        self._clock_publisher = self.create_publisher(Clock, '/clock', stream(100))
+        self._clock_publisher = announce(self, '/clock')
         self._outputs: list[Publisher] = []
-        self._messages = messages_of(part, self._output, self.get_namespace())
+        self._messages = messages_of(part, self._output, '')
         self._heard = False
         Calls(self, {'pause-replay': self._pause, 'resume-replay': self._resume})
         self.work('replay', self._play)
@@ -106,8 +106,7 @@ class LiveReplayNode(SuiteNode):
 
     def _output(self, topic: str, kind: str) -> int:
         """Publish a topic from now on; return its number."""
-        publisher = self.create_publisher(message_class(kind), topic, stream(MEASUREMENTS))
-        self._outputs.append(publisher)
+        self._outputs.append(announce(self, topic.lstrip('/')))
         return len(self._outputs) - 1
 
     def _somebody_listens(self) -> bool:

@@ -29,7 +29,7 @@ from hunt_ros.nodes.support.form_files import FormFiles
 from hunt_ros.nodes.support.hearing import Calls, Said
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare, declare_normal_form
-from hunt_ros.nodes.support.qos import latched
+from hunt_ros.nodes.support.qos import announce, hear
 from hunt_ros.nodes.support.refit import refit
 from hunt_ros.rig import Rig
 from hunt_ros.samples import counted
@@ -65,8 +65,8 @@ class NormalFormIdentifierNode(SuiteNode):
         self._lock = threading.Lock()
         self._ordered = threading.Event()
         self._state = ('OK', 'no recording yet')
-        self._publisher = self.create_publisher(String, 'hunting/normal_form', latched())
-        self.create_subscription(String, 'recording/closed', self._on_closed, latched())
+        self._publisher = announce(self, 'hunting/normal_form')
+        hear(self, 'recording/closed', self._on_closed)
         Calls(self, {'identify': self._on_identify, 'revert-form': self._on_revert})
         self._take_up(declare_normal_form(self, self._settings.rig_name))
         self.work(_TASK, self._follow)

@@ -31,7 +31,7 @@ from hunt_ros.nodes.support.diagnostics import Health
 from hunt_ros.nodes.support.hearing import Calls, Said
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare
-from hunt_ros.nodes.support.qos import STATUS, stream
+from hunt_ros.nodes.support.qos import announce, hear
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
@@ -129,9 +129,7 @@ class Pace:
         self.heard = False
         self._judged_ns = 0
         self._progress_s = clock()
-        self._subscription = node.create_subscription(
-            DiagnosticArray, 'hunting/status', self._on_status, STATUS
-        )
+        hear(node, 'hunting/status', self._on_status)
 
     def must_wait(self, now_ns: int) -> bool:
         """Return True if simulated time `now_ns` is as far ahead as it may be."""
@@ -166,7 +164,7 @@ class RigSimulatorNode(SuiteNode):
         self._server = SimulatorServer(config.host, config.port)
         self._clock_publisher = self._pace = None
         if config.time_scale != 1.0:
-            self._clock_publisher = self.create_publisher(Clock, '/clock', stream(10))
+            self._clock_publisher = announce(self, '/clock')
             self._pace = Pace(self)
         self._time_ns = 0
         self._origin_ns = _FIRST_STAMP_NS

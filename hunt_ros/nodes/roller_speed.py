@@ -19,8 +19,6 @@ from threading import Event
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TwistStamped
-from sensor_msgs.msg import JointState
 
 from hunt_ros.drivers import safety_state
 from hunt_ros.drivers.base import DriveBlock, DriveDriver
@@ -38,7 +36,7 @@ from hunt_ros.nodes.support.driver_node import DriverNode
 from hunt_ros.nodes.support.ending import abandoned
 from hunt_ros.nodes.support.hearing import Calls, Channels, Said
 from hunt_ros.nodes.support.parameters import declare
-from hunt_ros.nodes.support.qos import EVENTS, MEASUREMENTS, STATUS, latched, stream
+from hunt_ros.nodes.support.qos import announce, hear
 from hunt_ros.nodes.support.worker import Worker
 from hunt_ros.rig import of_rig
 from hunt_ros.samples import NANOSECONDS
@@ -150,12 +148,12 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         self._ending = False  # it was asked to end
         self._new = NewSince()
         self._written = joint_writer(['roller'], velocity=True)
-        self._speed = self.create_publisher(TwistStamped, 'speed', stream(MEASUREMENTS))
-        self._announced = self.create_publisher(JointState, 'roller', stream(MEASUREMENTS))
-        self._target = self.create_publisher(TwistStamped, 'speed/target', STATUS)
-        self._status = self.create_publisher(DiagnosticArray, 'speed/status', latched())
-        self._events = self.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
-        self.create_subscription(DiagnosticArray, 'hunting/status', self._on_detector, STATUS)
+        self._speed = announce(self, 'speed')
+        self._announced = announce(self, 'roller')
+        self._target = announce(self, 'speed/target')
+        self._status = announce(self, 'speed/status')
+        self._events = announce(self, 'hunting/events')
+        hear(self, 'hunting/status', self._on_detector)
         self._lateral = Channels(self, ['lateral'])
         guard, now = self._guard, self._steady_ns
         asked: dict[str, Callable[[Said], str]] = {
