@@ -44,7 +44,7 @@ from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import MEASUREMENTS, TOPICS, announce, latched, stream
 from hunt_ros.rig import of_rig
 from hunt_ros.services import SERVICES
-from hunt_ros.settings import setting
+from hunt_ros.settings import fixed, setting
 from hunt_ros.suite import Awaited
 
 #: A latched topic keeps so many messages of those that are none of the suite's.
@@ -73,17 +73,15 @@ _AGAIN_S = 5.0
 class RecorderConfig(RecordingLimits):
     """Parameters of the recorder."""
 
-    directory: str = setting('./recordings', 'Where the recordings go.', fixed=True)
+    directory: str = fixed('./recordings', 'Where the recordings go.')
     rig_name: str = of_rig('rig_name')
     operator: str = setting('', 'Who runs it, for the recording.')
     notes: str = setting('', 'Remarks, for the recording.')
-    autostart: bool = setting(True, 'Record from the start.', fixed=True)
+    autostart: bool = fixed(True, 'Record from the start.')
     prefix: str = setting('hunt', 'Beginning of the names of recordings.')
-    record_estimates: bool = setting(
-        False, 'Record the estimates too; a replay makes them again.', fixed=True
-    )
-    extra_topics: tuple[str, ...] = setting(
-        (), 'Full names of topics outside of the namespace to record as well.', fixed=True
+    record_estimates: bool = fixed(False, 'Record the estimates too; a replay makes them again.')
+    extra_topics: tuple[str, ...] = fixed(
+        (), 'Full names of topics outside of the namespace to record as well.'
     )
 
     def __post_init__(self) -> None:

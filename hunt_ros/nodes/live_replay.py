@@ -30,7 +30,7 @@ from hunt_ros.nodes.support.parameters import declare
 from hunt_ros.nodes.support.qos import announce
 from hunt_ros.samples import NANOSECONDS, Record, Series
 from hunt_ros.sensors import DISPLACEMENTS, MOTION
-from hunt_ros.settings import Settings, setting
+from hunt_ros.settings import Settings, fixed, setting
 from hunt_ros.suite import PAGE
 
 _CLOCK_S = 0.01
@@ -46,15 +46,11 @@ _PAUSE_NS = NANOSECONDS
 class ReplayConfig(Settings):
     """Parameters of the replay."""
 
-    bag: str = setting('', 'Recording to play.', fixed=True)
-    channels: tuple[str, ...] = setting(
-        (), 'NAME=SOURCE for recordings with other topics.', fixed=True
-    )
+    bag: str = fixed('', 'Recording to play.')
+    channels: tuple[str, ...] = fixed((), 'NAME=SOURCE for recordings with other topics.')
     rate: float = setting(1.0, 'Recorded seconds in a second.', low=0.1, high=50.0)
-    from_s: float = setting(0.0, 'Where to begin.', unit='s', low=0.0, fixed=True)
-    to_s: float = setting(
-        math.inf, 'Where to end; inf: at the end.', unit='s', low=0.0, fixed=True
-    )
+    from_s: float = fixed(0.0, 'Where to begin.', unit='s', low=0.0)
+    to_s: float = fixed(math.inf, 'Where to end; inf: at the end.', unit='s', low=0.0)
 
 
 class LiveReplayNode(SuiteNode):

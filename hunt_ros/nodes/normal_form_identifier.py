@@ -16,7 +16,6 @@ import threading
 import time
 from collections import deque
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 from std_msgs.msg import String
@@ -42,11 +41,9 @@ _TASK, _LOOK_S = 'identification', 0.5
 class IdentifierConfig(Settings):
     """Parameters of the identifier, beside those of the rig."""
 
-    directory: str = setting('./recordings', 'Where the parameter files go.', fixed=True)
+    directory: str = setting('./recordings', 'Where the parameter files go.')
     on_close: bool = setting(True, 'Identify whenever a recording is closed.')
-    history: int = setting(
-        8, 'Use so many of the last recordings together.', low=1, high=1000, fixed=True
-    )
+    history: int = setting(8, 'Use so many of the last recordings together.', low=1, high=1000)
 
 
 class NormalFormIdentifierNode(SuiteNode):
@@ -54,7 +51,7 @@ class NormalFormIdentifierNode(SuiteNode):
 
     def __init__(self) -> None:
         super().__init__('normal_form_identifier')
-        self._config = declare(self, IdentifierConfig, partial(setattr, self, '_config'))
+        self._config = declare(self, IdentifierConfig)
         self._settings = IdentificationSettings.of(declare(self, Rig))
         self._files = FormFiles(Path(self._config.directory))
         self._seen: deque[Path] = deque(maxlen=1000)

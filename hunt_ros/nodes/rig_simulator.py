@@ -13,7 +13,6 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -64,10 +63,10 @@ _ORDINARY: dict[str, Any] = {
 class SimulatorConfig(Settings):
     """Parameters of the rig simulator."""
 
-    host: str = setting('127.0.0.1', 'Address to serve on.', fixed=True)
-    port: int = setting(47100, 'TCP port to serve on.', low=1, high=65535, fixed=True)
+    host: str = setting('127.0.0.1', 'Address to serve on.')
+    port: int = setting(47100, 'TCP port to serve on.', low=1, high=65535)
     sample_rate_hz: float = setting(
-        500.0, 'Rate of both sensors.', unit='Hz', low=100.0, high=2000.0, fixed=True
+        500.0, 'Rate of both sensors.', unit='Hz', low=100.0, high=2000.0
     )
     time_scale: float = setting(
         1.0,
@@ -75,27 +74,22 @@ class SimulatorConfig(Settings):
         ' detector.',
         low=0.01,
         high=50.0,
-        fixed=True,
     )
-    wheelset: str = setting(
-        '', 'YAML file of the simulated rig; empty: the built-in one.', fixed=True
-    )
+    wheelset: str = setting('', 'YAML file of the simulated rig; empty: the built-in one.')
     initial_speed_mps: float = setting(
-        6.0, 'Running speed at the start.', unit='m/s', low=0.1, high=100.0, fixed=True
+        6.0, 'Running speed at the start.', unit='m/s', low=0.1, high=100.0
     )
     kick_m: float = setting(
         0.3e-3, 'Size of the bump of the service kick.', unit='m', low=0.0, high=0.02
     )
-    kick_times_s: tuple[float, ...] = setting(
-        (), 'Times of bumps by themselves.', unit='s', fixed=True
-    )
-    kick_sizes_m: tuple[float, ...] = setting((), 'Sizes of these bumps.', unit='m', fixed=True)
-    seed: int = setting(0, 'Of everything random.', low=0, fixed=True)
+    kick_times_s: tuple[float, ...] = setting((), 'Times of bumps by themselves.', unit='s')
+    kick_sizes_m: tuple[float, ...] = setting((), 'Sizes of these bumps.', unit='m')
+    seed: int = setting(0, 'Of everything random.', low=0)
     start_with_readers: int = setting(
-        0, 'Hold the simulated time until so many drivers are connected.', low=0, fixed=True
+        0, 'Hold the simulated time until so many drivers are connected.', low=0
     )
     start_with_detector: bool = setting(
-        False, 'Hold it, where /clock is published, until the detector is heard.', fixed=True
+        False, 'Hold it, where /clock is published, until the detector is heard.'
     )
 
 
@@ -153,7 +147,7 @@ class RigSimulatorNode(SuiteNode):
 
     def __init__(self) -> None:
         super().__init__('rig_simulator')
-        self._config = config = declare(self, SimulatorConfig, partial(setattr, self, '_config'))
+        self._config = config = declare(self, SimulatorConfig)
         self._kicks = _kick_plan(config)
         settings = SimulationSettings(
             sample_rate_hz=config.sample_rate_hz,

@@ -40,7 +40,7 @@ from hunt_ros.nodes.support.qos import announce, hear
 from hunt_ros.nodes.support.worker import Worker
 from hunt_ros.rig import of_rig
 from hunt_ros.samples import NANOSECONDS
-from hunt_ros.settings import Settings, setting
+from hunt_ros.settings import Settings, fixed, setting
 from hunt_ros.suite import AGAIN
 
 #: The interlock looks so often, s.
@@ -63,17 +63,15 @@ _LEVELS = {'tripped': 'ERROR', 'disarmed': 'WARN', 'armed': 'OK'}
 class SpeedConfig(Settings):
     """Parameters of the speed node."""
 
-    driver: str = setting(
-        'simulated', 'The drive, docs/drivers.md; its settings are parameters too.', fixed=True
+    driver: str = fixed(
+        'simulated', 'The drive, docs/drivers.md; its settings are parameters too.'
     )
     roller_diameter_m: float = of_rig('roller_diameter_m')
     profile: str = setting(
         '', 'Speed profile (docs/profiles.md): its text, or the path of a file; empty: none.'
     )
-    profile_autostart: bool = setting(
-        False,
-        'Start the profile as soon as the interlock allows it; any stop ends that.',
-        fixed=True,
+    profile_autostart: bool = fixed(
+        False, 'Start the profile as soon as the interlock allows it; any stop ends that.'
     )
     emergency_speed_mps: float = setting(
         0.0,
@@ -82,10 +80,8 @@ class SpeedConfig(Settings):
         low=0.0,
         high=100.0,
     )
-    state_file: str = setting(
-        '',
-        'File that keeps emergency stop, trip and alarm over a restart; empty: none.',
-        fixed=True,
+    state_file: str = fixed(
+        '', 'File that keeps emergency stop, trip and alarm over a restart; empty: none.'
     )
     slow_down_at_end: bool = setting(
         True, 'Take the roller to the safe speed before the node ends; false: leave it.'
