@@ -70,8 +70,8 @@ class SimulatorConfig(Settings):
     )
     time_scale: float = setting(
         1.0,
-        'Simulated seconds in a second, at most; not 1: /clock is published, and waits for the'
-        ' detector.',
+        'Simulated seconds in a second, at most; not 1: /clock is published, begins when the'
+        ' detector is heard, and waits for it.',
         low=0.01,
         high=50.0,
     )
@@ -87,9 +87,6 @@ class SimulatorConfig(Settings):
     seed: int = setting(0, 'Of everything random.', low=0)
     start_with_readers: int = setting(
         0, 'Hold the simulated time until so many drivers are connected.', low=0
-    )
-    start_with_detector: bool = setting(
-        False, 'Hold it, where /clock is published, until the detector is heard.'
     )
 
 
@@ -127,8 +124,6 @@ class Pace:
 
     def must_wait(self, now_ns: int) -> bool:
         """Return True if simulated time `now_ns` is as far ahead as it may be."""
-        if not self.heard:
-            return False
         if not self._judged_ns:
             self._judged_ns, self._progress_s = now_ns, self._clock()
         waited_s = self._clock() - self._progress_s
@@ -214,9 +209,7 @@ class RigSimulatorNode(SuiteNode):
         missing = self._config.start_with_readers - self._server.readers
         if missing > 0:
             return f'{missing} drivers'
-        if self._config.start_with_detector and self._pace is not None and not self._pace.heard:
-            return 'the detector'
-        return ''
+        return '' if self._pace is None or self._pace.heard else 'the detector'
 
     def _advance(self, count: int) -> None:
         """Simulate so many samples, and send them to whoever is connected."""

@@ -67,7 +67,7 @@ def test_a_climb_goes_up_where_a_form_clears_it_and_back_without_one(
     drive = graph.told('speed/status', latched())
     graph.start('hunting_detector', *([form] if form else []), **_DETECTOR)
     graph.spin_until(lambda: said, 60.0)
-    rig = {'sample_rate_hz': 200.0, 'initial_speed_mps': 6.0, 'start_with_detector': True}
+    rig = {'sample_rate_hz': 200.0, 'initial_speed_mps': 6.0}
     resident(rig_simulator.RigSimulatorNode, port=graph.port, **rig, **_FAST)
     climb = 'climb: {low_mps: 6.0, high_mps: 7.0, step_mps: 1.0, rate_mps2: 0.5, wait_s: 60}'
     profile = graph.profile(climb)
@@ -86,7 +86,7 @@ def test_a_climb_goes_up_where_a_form_clears_it_and_back_without_one(
 def test_simulated_time_begins_with_the_detector_and_waits_for_its_first_estimate(graph) -> None:
     times = graph.collect(Clock, '/clock', stream(10))
     status = graph.node.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
-    rig = {'time_scale': 50.0, 'sample_rate_hz': 100.0, 'start_with_detector': True}
+    rig = {'time_scale': 50.0, 'sample_rate_hz': 100.0}
     graph.start('rig_simulator', port=graph.port, **rig)
     graph.spin_until(status.get_subscription_count, 60.0)
     graph.spin(0.5)

@@ -62,7 +62,6 @@ def simulated_run(
             'kick_sizes_m': [size for _, size in kicks],
             'seed': seed,
             'start_with_readers': len(SOURCES),
-            'start_with_detector': True,
         },
         'lateral_sensor': rate,
         'yaw_sensor': rate,
