@@ -82,8 +82,7 @@ class SimulatorConfig(Settings):
     kick_m: float = setting(
         0.3e-3, 'Size of the bump of the service kick.', unit='m', low=0.0, high=0.02
     )
-    kick_times_s: tuple[float, ...] = setting((), 'Times of bumps by themselves.', unit='s')
-    kick_sizes_m: tuple[float, ...] = setting((), 'Sizes of these bumps.', unit='m')
+    kicks: tuple[float, ...] = setting((), 'Time, s, and size, m, of each bump by itself.')
     seed: int = setting(0, 'Of everything random.', low=0)
     start_with_readers: int = setting(
         0, 'Hold the simulated time until so many drivers are connected.', low=0
@@ -143,7 +142,9 @@ class RigSimulatorNode(SuiteNode):
     def __init__(self) -> None:
         super().__init__('rig_simulator')
         self._config = config = declare(self, SimulatorConfig)
-        self._kicks = _kick_plan(config)
+        if len(config.kicks) % 2:
+            raise ConfigError(f'kicks: {config.kicks}, expected a time and a size of each')
+        self._kicks = sorted(zip(config.kicks[::2], config.kicks[1::2], strict=True))
         settings = SimulationSettings(
             sample_rate_hz=config.sample_rate_hz,
             initial_speed=config.initial_speed_mps,
@@ -251,15 +252,6 @@ class RigSimulatorNode(SuiteNode):
         if not self._samples and (who := self._waits_for()):
             return 'OK', f'waits for {who}', values
         return 'OK', f'{self._server.readers} drivers connected', values
-
-
-def _kick_plan(config: SimulatorConfig) -> list[tuple[float, float]]:
-    if len(config.kick_times_s) != len(config.kick_sizes_m):
-        raise ConfigError(
-            f'kick_times_s has {len(config.kick_times_s)} values and kick_sizes_m'
-            f' {len(config.kick_sizes_m)}, expected one size a time'
-        )
-    return sorted(zip(config.kick_times_s, config.kick_sizes_m, strict=True))
 
 
 make_node = RigSimulatorNode

@@ -38,7 +38,7 @@ def test_a_sweep_is_recorded_refitted_and_the_form_taken_over_without_a_restart(
     for name in ('bag_recorder', 'normal_form_identifier'):
         graph.start(name, directory=recordings, **_FOLLOWS)
     graph.spin_until(lambda: graph.node.count_subscribers('/rig/lateral') == 2, 60.0)
-    kicks = {'kick_times_s': [20.0, 50.0], 'kick_sizes_m': [0.00015, 0.00015]}
+    kicks = {'kicks': [20.0, 0.00015, 50.0, 0.00015]}
     rig = {'sample_rate_hz': 100.0, 'initial_speed_mps': 6.2, **kicks}
     graph.start('rig_simulator', port=graph.port, **rig, **_FAST)
     sweep = 'corners: {times_s: [0, 5, 105, 125, 225], speeds_mps: [6.2, 6.2, 8.7, 8.7, 6.1]}'
