@@ -23,7 +23,7 @@ from typing import Any, TypeVar
 from hunt_ros.errors import ConfigError
 from hunt_ros.samples import CHANNELS, USUAL_CHANNELS
 from hunt_ros.sensors import DISPLACEMENTS
-from hunt_ros.settings import Settings, meant, setting, yaml_document, yaml_value
+from hunt_ros.settings import Settings, fixed, meant, setting, yaml_document, yaml_value
 from hunt_ros.suite import NODES
 
 _Kind = TypeVar('_Kind', bound=Settings)
@@ -64,28 +64,23 @@ class Rig(Settings):
     """
 
     rig_name: str = setting('', 'name of the rig, for its recordings')
-    speed_unit: str = setting(
+    speed_unit: str = fixed(
         'm/s',
         'unit of speeds on page and terminal; messages, recordings and files are SI',
         choices=tuple(SPEED_UNITS),
-        fixed=True,
     )
-    channels: tuple[str, ...] = setting(
+    channels: tuple[str, ...] = fixed(
         USUAL_CHANNELS,
         f'channels the rig has, of {", ".join(CHANNELS)};'
         ' one that is listed and silent is a fault',
-        fixed=True,
     )
-    optional_channels: tuple[str, ...] = setting(
-        (),
-        'of the channels, those whose silence is no fault: it is said, with what it costs',
-        fixed=True,
+    optional_channels: tuple[str, ...] = fixed(
+        (), 'of the channels, those whose silence is no fault: it is said, with what it costs'
     )
-    sources: tuple[str, ...] = setting(
+    sources: tuple[str, ...] = fixed(
         (),
         'channels that recordings have under another topic, field or unit, for example'
         ' lateral=/daq/ch0.data[3]*0.001',
-        fixed=True,
     )
     constant_speed_mps: float = _known(
         'running speed where there is no speed channel (0: from the channel)', 'm/s'
@@ -119,12 +114,11 @@ class Rig(Settings):
         'm',
         10.0,
     )
-    lines: tuple[float, ...] = setting(
+    lines: tuple[float, ...] = fixed(
         (1.0, 2.0),
         f'known lines, at most {MOST_LINES}, in turns of the roller from 0 to {MOST_TURNS:g}:'
         ' what is forced at these orders is no hunting (0.0: none)',
         low=0.0,
-        fixed=True,
     )
     hunting_frequency_hz: float = _known(
         'nominal hunting frequency; 30 % off costs nothing, and 0.35 to 2.1 of it is followed'
@@ -138,11 +132,11 @@ class Rig(Settings):
     time_scale_s: float = _known(
         '1 / omega_psi: the unit of time of the coefficients (0: of the built-in rig)', 's', 1e3
     )
-    prior_v_c: tuple[float, ...] = setting(
-        (), 'known v_c and its standard deviation, m/s (none: not known)', low=0.0, fixed=True
+    prior_v_c: tuple[float, ...] = fixed(
+        (), 'known v_c and its standard deviation, m/s (none: not known)', low=0.0
     )
-    prior_D1: tuple[float, ...] = setting(
-        (), 'known D1 and its standard deviation (none: not known)', low=0.0, fixed=True
+    prior_D1: tuple[float, ...] = fixed(
+        (), 'known D1 and its standard deviation (none: not known)', low=0.0
     )
     flange_clearance_m: float = _known(
         'lateral displacement at which the flange meets the rail (0: not known)', 'm', 1.0

@@ -9,6 +9,7 @@ published before it on `NODE/calls`, std_msgs/String, as JSON with `service`, `w
 from __future__ import annotations
 
 import unicodedata
+from functools import partial
 from typing import NamedTuple
 
 #: Characters that are kept of what a person says with a call.
@@ -21,10 +22,10 @@ class Service(NamedTuple):
 
     Parameters
     ----------
-    name : str
-        Below the namespace.
     node : str
         Which offers it.
+    name : str
+        Below the namespace.
     does : str
         What it is for, as a line of the help text.
     words : str
@@ -38,8 +39,8 @@ class Service(NamedTuple):
         An answer that takes longer is none, s.
     """
 
-    name: str
     node: str
+    name: str
     does: str
     words: str = ''
     switch: str = ''
@@ -72,94 +73,65 @@ MOVING_KEYS, CONFIRM_KEY = 'sr', 'y'
 #: Ends them, as Ctrl-C does.
 QUIT_KEY = 'q'
 
+_detector = partial(Service, 'hunting_detector')
+_drive = partial(Service, 'roller_speed')
+_recorder = partial(Service, 'bag_recorder')
+_identifier = partial(Service, 'normal_form_identifier')
+_replay = partial(Service, 'live_replay')
 #: Word of `hunt call` -> service.
 SERVICES: dict[str, Service] = {
-    'acknowledge': Service(
-        'hunting/acknowledge_alarm',
-        'hunting_detector',
-        'end an alarm whose cause is over',
-        'who acknowledges',
+    'acknowledge': _detector(
+        'hunting/acknowledge_alarm', 'end an alarm whose cause is over', 'who acknowledges'
     ),
-    'alarm-history': Service(
+    'alarm-history': _detector(
         'hunting/alarm_history',
-        'hunting_detector',
         'tell the last 100 alarms, as JSON: when, why, how large, who acknowledged',
         repeatable=True,
     ),
-    'start-profile': Service(
-        'speed/start_profile', 'roller_speed', 'start the speed profile from its beginning'
+    'start-profile': _drive('speed/start_profile', 'start the speed profile from its beginning'),
+    'stop-profile': _drive(
+        'speed/stop_profile', 'hold the set point that the profile has now', repeatable=True
     ),
-    'stop-profile': Service(
-        'speed/stop_profile',
-        'roller_speed',
-        'hold the set point that the profile has now',
-        repeatable=True,
+    'resume-profile': _drive(
+        'speed/resume_profile', 'go on with the profile where it was stopped'
     ),
-    'resume-profile': Service(
-        'speed/resume_profile', 'roller_speed', 'go on with the profile where it was stopped'
+    'emergency-stop': _drive(
+        'speed/emergency_stop', 'take the roller to the emergency speed', repeatable=True
     ),
-    'emergency-stop': Service(
-        'speed/emergency_stop',
-        'roller_speed',
-        'take the roller to the emergency speed',
-        repeatable=True,
+    'rearm': _drive(
+        'speed/rearm', 'end an emergency stop, and a trip of the interlock whose cause is over'
     ),
-    'rearm': Service(
-        'speed/rearm',
-        'roller_speed',
-        'end an emergency stop, and a trip of the interlock whose cause is over',
+    'arm-interlock': _drive(
+        'speed/arm_interlock', 'let the interlock guard the rig', switch='on', repeatable=True
     ),
-    'arm-interlock': Service(
+    'disarm-interlock': _drive(
         'speed/arm_interlock',
-        'roller_speed',
-        'let the interlock guard the rig',
-        switch='on',
-        repeatable=True,
-    ),
-    'disarm-interlock': Service(
-        'speed/arm_interlock',
-        'roller_speed',
         'let nothing slow the roller down but you: loud, and logged',
         switch='off',
     ),
-    'start-recording': Service('recording/start', 'bag_recorder', 'begin a recording'),
+    'start-recording': _recorder('recording/start', 'begin a recording'),
     # What was lost on the way comes first, then the disk.
-    'stop-recording': Service(
-        'recording/stop', 'bag_recorder', 'close the recording', takes_s=90.0
-    ),
-    'split-recording': Service('recording/split', 'bag_recorder', 'begin a new file of it'),
-    'mark': Service(
-        'recording/mark',
-        'bag_recorder',
-        'mark this moment in the recording',
-        'what the mark says',
-    ),
-    'identify': Service(
-        'identify', 'normal_form_identifier', 'refit the normal form from the recordings'
-    ),
-    'accept-form': Service(
+    'stop-recording': _recorder('recording/stop', 'close the recording', takes_s=90.0),
+    'split-recording': _recorder('recording/split', 'begin a new file of it'),
+    'mark': _recorder('recording/mark', 'mark this moment in the recording', 'what the mark says'),
+    'identify': _identifier('identify', 'refit the normal form from the recordings'),
+    'accept-form': _detector(
         'hunting/accept_normal_form',
-        'hunting_detector',
         'take the normal form that waits because it would alarm later',
     ),
-    'revert-form': Service(
-        'hunting/revert_normal_form',
-        'normal_form_identifier',
-        'go back to the normal form before',
-    ),
-    'shelve-alarm': Service(
+    'revert-form': _identifier('hunting/revert_normal_form', 'go back to the normal form before'),
+    'shelve-alarm': _drive(
         'speed/shelve_alarm',
-        'roller_speed',
         'have an alarm of the detector call nobody for a time, with a reason',
         'code, minutes and reason, as in docs/alarm.md; 0 minutes end it',
     ),
     'test-alarm': Service(
-        'alarm/test',
         'alarm_outputs',
+        'alarm/test',
         'have sound, command and relay call for a moment',
         takes_s=90.0,
     ),
-    'kick': Service('simulator/kick', 'rig_simulator', 'kick the simulated wheelset'),
-    'pause-replay': Service('replay/pause', 'live_replay', 'hold a live replay', repeatable=True),
-    'resume-replay': Service('replay/resume', 'live_replay', 'go on with a live replay'),
+    'kick': Service('rig_simulator', 'simulator/kick', 'kick the simulated wheelset'),
+    'pause-replay': _replay('replay/pause', 'hold a live replay', repeatable=True),
+    'resume-replay': _replay('replay/resume', 'go on with a live replay'),
 }

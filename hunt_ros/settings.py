@@ -13,6 +13,7 @@ import math
 import sys
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, fields
+from functools import partial
 from numbers import Real
 from typing import Any, Literal, TypeVar
 
@@ -63,6 +64,10 @@ def setting(
         'fixed': fixed,
     }
     return field(default=default, metadata=metadata)
+
+
+#: ... which a node that runs cannot change.
+fixed = partial(setting, fixed=True)
 
 
 @dataclass(frozen=True)

@@ -58,8 +58,8 @@ def measured() -> dict[str, Published]:
 def published(measured: dict[str, Published]) -> dict[str, Published]:
     """Topics of the running suite below the namespace `rig`, from the tables of its nodes."""
     pytest.importorskip('rclpy', reason='the tables of topics stand in the nodes')
-    from hunt_ros.nodes.bag_recorder import TOPICS
     from hunt_ros.nodes.support.estimate_publishers import ESTIMATES
+    from hunt_ros.nodes.support.qos import TOPICS
 
     topics = dict(measured)
     for name, (kind, _) in TOPICS.items():

@@ -77,25 +77,6 @@ def test_a_parameter_of_the_rig_is_the_same_in_every_node() -> None:
     assert {'roller_diameter_m', 'lines', 'rig_name'} <= shared
 
 
-def test_the_node_that_identifies_takes_all_of_the_rig_that_an_identification_needs() -> None:
-    pytest.importorskip('rclpy', reason='the extra ros is not installed')
-    from hunt_ros import identification
-    from hunt_ros.nodes.normal_form_identifier import IdentifierConfig
-
-    texts = [path.read_text() for path in Path(identification.__file__).parent.rglob('*.py')]
-    read = set(re.findall(r'\b(?:settings|self)\.(\w+)', '\n'.join(texts)))
-    read.add('lateral_range_m')  # by `saturated_from`
-    # The channels of a record, and the ceiling of a plan, are no settings of an identification.
-    needed = (read & {item.name for item in fields(Rig)}) - {'channels', 'speed_ceiling_mps'}
-    assert len(needed) >= 12
-    assert needed <= {item.name for item in fields(IdentifierConfig)}
-    told = IdentifierConfig(
-        roller_diameter_m=0.3, wheel_diameter_m=0.1, prior_v_c=(8.0, 0.1)
-    ).identification()
-    assert told.orders.tolist() == [1.0, 2.0, 0.3 / 0.1]
-    assert told.prior_v_c == (8.0, 0.1)
-
-
 @pytest.mark.parametrize(
     ('text', 'section', 'words'),
     [

@@ -11,6 +11,7 @@ from contextlib import suppress
 from datetime import datetime
 from functools import partial
 from pathlib import Path
+from socket import socket
 
 from hunt_ros.cli.support import options, suite
 from hunt_ros.cli.support.console import Console
@@ -78,7 +79,6 @@ def run(arguments: argparse.Namespace) -> int:
     wanted |= {ALARM_OUTPUTS} if alarms else set()
     wanted |= {SIMULATOR} if arguments.simulated else set()
     names = tuple(name for name in NODES if name in wanted)
-    _refuse_second(namespace, names)
     state = state_file(folder, namespace)
     tested = state.with_suffix('.tested')
     parameters: dict[str, dict[str, object]] = {
@@ -94,6 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
             parameters.setdefault(name, {})['port'] = port
     began = time.monotonic()
     with (
+        _alone(namespace, names),
         Supervisor(namespace, folder / 'logs', False, alarms=alarms) as supervisor,
         View(namespace, rig.speed_unit) as view,
     ):
@@ -124,16 +125,25 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if safe else 1
 
 
-def _refuse_second(namespace: str, names: Sequence[str]) -> None:
-    """Start nothing beside nodes of these names: the rig would take it for a second master."""
+def _alone(namespace: str, names: Sequence[str]) -> socket:
+    """
+    Start nothing beside nodes of these names: the rig would take it for a second master.
+
+    Returns
+    -------
+    socket
+        Holds the namespace until it is closed: the nodes of another run may only be starting.
+    """
     told = os.environ.get('ROS_DOMAIN_ID', '') or '0'
     if not told.isdecimal() or int(told) > _LAST_DOMAIN:
         raise ConfigError(f'ROS_DOMAIN_ID={told}, expected 0 to {_LAST_DOMAIN}')
-    for name in names:
-        try:
-            hold(f'/{namespace.strip("/")}/{name}', int(told)).close()
-        except OSError as error:
-            raise ConfigError(f'{error}: choose another --namespace or ROS_DOMAIN_ID') from error
+    where = f'/{namespace.strip("/")}'
+    try:
+        for name in names:
+            hold(f'{where}/{name}', int(told)).close()
+        return hold(where, int(told))
+    except OSError as error:
+        raise ConfigError(f'{error}: choose another --namespace or ROS_DOMAIN_ID') from error
 
 
 def _tested(file: Path) -> str:

@@ -20,7 +20,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import EntryPoint, distributions
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 from hunt_ros.errors import ConfigError, DriverError, one_line
 from hunt_ros.settings import Settings as _Settings
 
-_Handle = TypeVar('_Handle')
 _no_stamps: Callable[[], NDArray[np.int64]] = partial(np.array, [], np.int64)
 _no_values: Callable[[], NDArray[np.float64]] = partial(np.array, [], np.float64)
 
@@ -83,6 +82,9 @@ class Driver(ABC):
     #: Kind of the driver's own settings: the node declares its fields as parameters.
     Settings: ClassVar[type[_Settings]] = _Settings
 
+    #: What is open, as a library gives it; None: nothing is.
+    handle: Any = None
+
     def __init__(self, settings: Any) -> None:
         self.settings = settings
 
@@ -99,15 +101,21 @@ class Driver(ABC):
             Naming what cannot be reached (it may be starting yet), and where.
         """
 
-    @abstractmethod
     def close(self) -> None:
         """Let go of the hardware. Closing twice, or what is not open, does nothing."""
+        handle, self.handle = self.handle, None
+        if handle is not None:
+            self._release(handle)
 
-    def opened(self, handle: _Handle | None) -> _Handle:
+    def _release(self, handle: Any) -> None:
+        """Close what is open; a read under way in another thread ends."""
+        handle.close()
+
+    def opened(self) -> Any:
         """Return what is open; raises DriverError where nothing is, or not any more."""
-        if handle is None:
+        if self.handle is None:
             raise DriverError(f'{self}: not open')
-        return handle
+        return self.handle
 
     def __str__(self) -> str:
         """Return the driver and where its hardware is, for messages."""

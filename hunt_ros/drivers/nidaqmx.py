@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -19,8 +18,8 @@ from hunt_ros.drivers.sample_clock import SampleClock
 from hunt_ros.errors import ConfigError, DriverError, RefusedError, one_line
 from hunt_ros.settings import Settings, setting
 
-#: Samples are fetched so often, s.
-_FETCH_S = 0.01
+#: Samples are fetched so often, and the buffer of the device holds so much, s.
+_FETCH_S, _BUFFER_S = 0.01, 10.0
 
 TERMINALS = {'default': 'DEFAULT', 'rse': 'RSE', 'nrse': 'NRSE', 'differential': 'DIFF'}
 
@@ -33,7 +32,6 @@ class NidaqmxInput(Settings):
     least_v: float = setting(-10.0, 'Least voltage expected.', unit='V')
     largest_v: float = setting(10.0, 'Largest voltage expected.', unit='V')
     terminal: str = setting('default', 'Wiring.', choices=tuple(TERMINALS))
-    buffer_s: float = setting(10.0, 'Buffer of the device.', unit='s', low=0.1, high=600.0)
 
     def __str__(self) -> str:
         return f'nidaqmx {self.physical_channel}'
@@ -44,7 +42,6 @@ class Sensor(SensorDriver):
 
     Settings = NidaqmxInput
     settings: NidaqmxInput
-    _task: Any = None
 
     def __init__(self, settings: NidaqmxInput, channel: str, rate_hz: float) -> None:
         super().__init__(settings, channel, rate_hz)
@@ -71,21 +68,21 @@ class Sensor(SensorDriver):
 
         settings = self.settings
         try:
-            self._task = nidaqmx.Task()
-            self._task.ai_channels.add_ai_voltage_chan(
+            self.handle = task = nidaqmx.Task()
+            task.ai_channels.add_ai_voltage_chan(
                 settings.physical_channel,
                 terminal_config=getattr(TerminalConfiguration, TERMINALS[settings.terminal]),
                 min_val=settings.least_v,
                 max_val=settings.largest_v,
             )
-            self._task.timing.cfg_samp_clk_timing(
+            task.timing.cfg_samp_clk_timing(
                 self.rate_hz,
                 sample_mode=AcquisitionType.CONTINUOUS,
-                samps_per_chan=round(settings.buffer_s * self.rate_hz),
+                samps_per_chan=round(_BUFFER_S * self.rate_hz),
             )
             # The device takes the nearest rate that its clock can be divided to.
-            self.rate_hz = float(self._task.timing.samp_clk_rate)
-            self._task.start()
+            self.rate_hz = float(task.timing.samp_clk_rate)
+            task.start()
         except Exception as error:  # the library has its own for every state of its driver
             raise RefusedError(f'{self}: cannot open it ({one_line(error)})') from error
         self._clock = SampleClock(1.0 / self.rate_hz)
@@ -93,7 +90,7 @@ class Sensor(SensorDriver):
 
     def read(self, timeout_s: float) -> SensorBlock:
         """Fetch what has come; raises DriverError where the device or its buffer failed."""
-        task = self.opened(self._task)
+        task = self.opened()
         deadline_s = time.monotonic() + timeout_s
         try:
             while not (waiting := task.in_stream.avail_samp_per_chan):
@@ -109,9 +106,3 @@ class Sensor(SensorDriver):
         ticks = self._count + np.arange(values.size)
         self._count += values.size
         return SensorBlock(self._clock.stamps(ticks, arrived_ns), values)
-
-    def close(self) -> None:
-        """Stop and let go of the device."""
-        task, self._task = self._task, None
-        if task is not None:
-            task.close()

@@ -165,10 +165,7 @@ class RollerReadings:
         """Return speeds of drive and encoder, m/s, where they contradict each other."""
         if not self._radius_m or len(kept) < 2:
             return None
-        stamps, angles, speeds = (
-            np.array([getattr(each, name) for each in kept], dtype=np.float64)
-            for name in ('stamp_ns', 'angle_rad', 'speed_mps')
-        )
+        _, stamps, angles, speeds = np.array(kept, dtype=np.float64).T
         steps = np.diff(stamps) / NANOSECONDS
         near = (steps > 0.0) & (steps < _PAIR_S) & np.isfinite(np.diff(angles))
         total_s = float(steps[near].sum())

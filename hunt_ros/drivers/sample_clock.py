@@ -11,7 +11,6 @@ is the shortest delay, which no device can be asked for.
 from __future__ import annotations
 
 import time
-from bisect import bisect_right
 from collections import deque
 from typing import NamedTuple
 
@@ -20,12 +19,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from hunt_ros.samples import NANOSECONDS
 
-#: What is older is forgotten, ns: drift that changes within it is averaged. A point of the lower
-#: hull is kept for each part of it.
+#: What is older is forgotten, ns: drift that changes within it is averaged. Of each part of it the
+#: earliest arrival is kept.
 _WINDOW_NS, _PARTS = 30 * NANOSECONDS, 32
 #: The true length of a tick is within this fraction of the nominal one. Wide: who expects another
 #: rate than the device has shall see it in the stamps.
 _TOLERANCE = 0.5
+_ENDS = np.array([-1.0, 1.0])
 
 
 class _Arrival(NamedTuple):
@@ -117,21 +117,15 @@ class SampleClock:
         The part of the window that has just begun counts for its height, not for its slope: it may
         hold one late arrival and nothing else.
         """
-        hull: list[_Arrival] = []
-        closed = list(self._arrivals)[:-1]
-        for point in closed:
-            while len(hull) > 1 and _above(hull[-2], hull[-1], point):
-                hull.pop()
-            hull.append(point)
-        if len(hull) > 1:
-            first = hull[0].tick
-            mean = first + sum(point.tick - first for point in closed) / len(closed)
-            place = bisect_right([point.tick for point in hull], mean)
-            right = min(max(place, 1), len(hull) - 1)
-            left = hull[right - 1]
-            slope = (hull[right].arrived_ns - left.arrived_ns) / (hull[right].tick - left.tick)
-            low, high = (self._nominal_ns * (1.0 + sign * _TOLERANCE) for sign in (-1, 1))
-            self._slope_ns = min(max(slope, low), high)
+        if len(self._arrivals) > 2:
+            closed = list(self._arrivals)[:-1]
+            ticks, arrived = np.array(closed).T - np.array([closed[0]]).T
+            earlier, later = np.triu_indices(ticks.size, 1)
+            slopes = (arrived[later] - arrived[earlier]) / (ticks[later] - ticks[earlier])
+            slopes = np.clip(slopes, *(self._nominal_ns * (1.0 + _TOLERANCE * _ENDS)))
+            # How high the line of each slope that is below all of them is in their middle.
+            below = (arrived - np.outer(slopes, ticks - ticks.mean())).min(axis=1)
+            self._slope_ns = float(slopes[below.argmax()])
         self._base = min(self._arrivals, key=self._delay_ns)
 
 
@@ -142,13 +136,6 @@ def host_less_steady_ns() -> int:
         before, host, after = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
         readings.append((after - before, host - (before + after) // 2))
     return min(readings)[1]
-
-
-def _above(left: _Arrival, middle: _Arrival, right: _Arrival) -> bool:
-    """Return True if the middle point is on or above the line through the others."""
-    return (middle.arrived_ns - left.arrived_ns) * (right.tick - left.tick) >= (
-        right.arrived_ns - left.arrived_ns
-    ) * (middle.tick - left.tick)
 
 
 class Counter:

@@ -8,7 +8,6 @@ Where nothing but such lines comes, the driver gives up and says what one looks 
 
 from __future__ import annotations
 
-import errno
 import math
 import time
 from dataclasses import dataclass
@@ -56,7 +55,6 @@ class Sensor(SensorDriver):
 
     Settings = SerialLine
     settings: SerialLine
-    _port: Any = None
 
     def __init__(self, settings: SerialLine, channel: str, rate_hz: float) -> None:
         super().__init__(settings, channel, rate_hz)
@@ -74,19 +72,17 @@ class Sensor(SensorDriver):
         ------
         ImportError
             If pyserial is not installed.
-        DriverError
+        RefusedError
             If the port is not there or taken.
         """
         import serial
 
         settings = self.settings
         try:
-            self._port = serial.Serial(settings.serial_port, settings.baud_rate, exclusive=True)
+            self.handle = serial.Serial(settings.serial_port, settings.baud_rate, exclusive=True)
         except (OSError, ValueError) as error:
             reason = getattr(error, 'strerror', None) or ' '.join(str(error).split())
-            absent = getattr(error, 'errno', None) == errno.ENOENT  # not plugged in yet
-            kind = DriverError if absent else RefusedError
-            raise kind(f'{self}: cannot open it ({reason})') from error
+            raise RefusedError(f'{self}: cannot open it ({reason})') from error
         self._pending = b''
         self._begun = False  # the end of a line has been seen
         self._bad = 0  # lines one after the other
@@ -98,7 +94,7 @@ class Sensor(SensorDriver):
 
     def read(self, timeout_s: float) -> SensorBlock:
         """Wait for lines; raises DriverError where the port is gone or sends something else."""
-        port = self.opened(self._port)
+        port = self.opened()
         try:
             port.timeout = timeout_s
             data = port.read(max(1, port.in_waiting))
@@ -121,12 +117,9 @@ class Sensor(SensorDriver):
                 values.append(value)
         return SensorBlock(self._clock.stamps(ticks, now_ns), np.array(values), lost)
 
-    def close(self) -> None:
-        """Close the port; a read under way in another thread ends."""
-        port, self._port = self._port, None
-        if port is not None:
-            port.cancel_read()
-            port.close()
+    def _release(self, handle: Any) -> None:
+        handle.cancel_read()
+        handle.close()
 
     def _cut(self, data: bytes) -> list[bytes]:
         """Return the lines that are complete now; the first, which may be a rest, is none."""

@@ -59,7 +59,6 @@ class _Simulated(Driver):
     Settings = SimulatorAddress
     settings: SimulatorAddress
     _wanted = Channel.DRIVE
-    _socket: socket.socket | None = None
 
     def open(self) -> None:
         """Connect; raises DriverError where nobody answers."""
@@ -69,12 +68,12 @@ class _Simulated(Driver):
         except OSError as error:
             raise DriverError(f'{self}: cannot connect ({error})') from error
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._socket, self._pending, self._received = connection, b'', 0
+        self.handle, self._pending, self._received = connection, b'', 0
         self._send(self._wanted)
 
     def _receive(self, timeout_s: float) -> tuple[NDArray[np.void], int]:
         """Return the records of one receive, and how many were lost."""
-        connection = self.opened(self._socket)
+        connection = self.opened()
         connection.settimeout(max(timeout_s, 1e-3))
         try:
             data = connection.recv(_RECEIVE_BYTES)
@@ -98,19 +97,16 @@ class _Simulated(Driver):
         return records, lost
 
     def _send(self, number: float) -> None:
-        connection = self.opened(self._socket)
+        connection = self.opened()
         try:
             connection.sendall(NUMBER.pack(number))
         except OSError as error:
             raise DriverError(f'{self}: connection lost ({error})') from error
 
-    def close(self) -> None:
-        """Disconnect; a read under way in another thread ends."""
-        connection, self._socket = self._socket, None
-        if connection is not None:
-            with contextlib.suppress(OSError):  # the other end may have gone first
-                connection.shutdown(socket.SHUT_RDWR)
-            connection.close()
+    def _release(self, handle: socket.socket) -> None:
+        with contextlib.suppress(OSError):  # the other end may have gone first
+            handle.shutdown(socket.SHUT_RDWR)
+        handle.close()
 
     def __str__(self) -> str:
         where = f'{self.settings.host}:{self.settings.port}'

@@ -23,9 +23,10 @@ from hunt_ros.errors import ConfigError, DriverError, one_line
 from hunt_ros.nodes.support.conversions import read_diagnostic
 from hunt_ros.nodes.support.diagnostics import Health, steady_clock
 from hunt_ros.nodes.support.ending import abandoned
+from hunt_ros.nodes.support.hearing import Calls, Said
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare
-from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
+from hunt_ros.nodes.support.qos import hear
 from hunt_ros.suite import Awaited
 
 _LOOK_S = 0.05
@@ -56,11 +57,11 @@ class AlarmOutputsNode(SuiteNode):
         if self._proof is not None and self._proof.exists():
             self._tested = _as_clock(self._proof.stat().st_mtime)
         self._changed = {name: threading.Event() for name in self._outputs}
-        self.create_subscription(DiagnosticArray, 'hunting/status', self._on_status, STATUS)
-        self.create_subscription(DiagnosticArray, 'speed/status', self._on_drive, latched())
-        self.create_subscription(DiagnosticArray, 'hunting/events', self._on_event, EVENTS)
+        hear(self, 'hunting/status', self._on_status)
+        hear(self, 'speed/status', self._on_drive)
+        hear(self, 'hunting/events', self._on_event)
         self.create_timer(_LOOK_S, self._look, clock=steady_clock())
-        self.offer_beside({'alarm/test': self._on_test})
+        Calls(self, {'test-alarm': self._on_test}, beside=True)
         for name in self._outputs:
             self.work(name, partial(self._keep, name))
 
@@ -128,17 +129,17 @@ class AlarmOutputsNode(SuiteNode):
         self._diagnostics.done(name)
         return ''
 
-    def _on_test(self) -> str:
+    def _on_test(self, said: Said) -> str:
         """Have every output call for a moment, as a status of the detector would."""
         if not self._call.heard(time.monotonic()):
             raise DriverError('the detector is not heard: an alarm of it would call nobody')
         self._testing = True
-        said = [f'{name}: {why}' for name in self._outputs if (why := self._try(name, _show_test))]
+        failed = [f'{x}: {why}' for x in self._outputs if (why := self._try(x, _show_test))]
         time.sleep(_TEST_S)
         self._testing = False
         self.wake()  # what they show again is how things stand
-        if said:
-            raise DriverError('; '.join(said))
+        if failed:
+            raise DriverError('; '.join(failed))
         before, self._tested = self._tested, _as_clock(time.time())
         if self._proof is not None:
             with suppress(OSError):  # a full disk takes nothing from the test

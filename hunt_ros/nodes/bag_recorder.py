@@ -30,7 +30,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
-from hunt_ros.bag.messages import DIAGNOSTIC_ARRAY, STRING
 from hunt_ros.bag.recording import Recording, RecordingLimits, RecordingState
 from hunt_ros.bag.repair import finalise_left
 from hunt_ros.errors import BagError, ConfigError
@@ -39,34 +38,16 @@ from hunt_ros.nodes.support.clipper import Clipper
 from hunt_ros.nodes.support.conversions import message_class
 from hunt_ros.nodes.support.diagnostics import Health, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import ESTIMATES
-from hunt_ros.nodes.support.hearing import Calls, Missed, waiting
-from hunt_ros.nodes.support.node import PARAMETERS, SuiteNode
+from hunt_ros.nodes.support.hearing import Calls, Missed, Said, waiting
+from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare
-from hunt_ros.nodes.support.qos import JOURNAL, MEASUREMENTS, latched, stream
+from hunt_ros.nodes.support.qos import MEASUREMENTS, TOPICS, announce, latched, stream
 from hunt_ros.rig import of_rig
-from hunt_ros.sensors import CHANNEL_FIELDS, TWIST_STAMPED
 from hunt_ros.services import SERVICES
-from hunt_ros.settings import setting
+from hunt_ros.settings import fixed, setting
 from hunt_ros.suite import Awaited
 
-#: What the operator wrote; the service of this name marks the moment of its call.
-_MARK_TOPIC = 'recording/mark'
-#: Subscribed before their publishers appear, so that their first message is in the bag: type, and
-#: how many messages its publisher keeps for who comes late, of the log the last lines. 0: none.
-TOPICS: dict[str, tuple[str, int]] = {
-    **{channel: (kind, 0) for channel, (kind, _) in CHANNEL_FIELDS.items()},
-    'speed/target': (TWIST_STAMPED, 0),
-    'speed/status': (DIAGNOSTIC_ARRAY, 1),
-    'hunting/status': (DIAGNOSTIC_ARRAY, 0),
-    'hunting/events': (DIAGNOSTIC_ARRAY, 0),
-    'hunting/alarms': (STRING, 1),
-    'hunting/normal_form': (STRING, 1),
-    'hunting/journal': (STRING, JOURNAL.depth),
-    _MARK_TOPIC: (STRING, 0),
-    '/diagnostics': (DIAGNOSTIC_ARRAY, 0),
-    '/rosout': ('rcl_interfaces/msg/Log', 100),
-}
-#: The graph does not tell it of others.
+#: A latched topic keeps so many messages of those that are none of the suite's.
 _FOREIGN_KEPT = 1000
 #: Of the whole graph, recorded beside the namespace of the rig.
 GLOBAL_TOPICS = ('/diagnostics', '/parameter_events', '/rosout')
@@ -74,7 +55,7 @@ OWN_TOPIC = 'recording/closed'
 #: Not recorded: it would name the recording in itself; parameters, which stand beside the
 #: messages; and what is said with calls, for what comes of it is, and who calls waits until the
 #: node that is meant hears it, not a recorder.
-_LEFT_OUT = (OWN_TOPIC, PARAMETERS, *{f'{service.node}/calls' for service in SERVICES.values()})
+_LEFT_OUT = (OWN_TOPIC, 'parameters', *{f'{service.node}/calls' for service in SERVICES.values()})
 #: So many nodes may tell their parameters at once.
 _NODES = 100
 #: What a reader missed is sent again after the heartbeat of its writer, every 3 s by default. One
@@ -92,17 +73,15 @@ _AGAIN_S = 5.0
 class RecorderConfig(RecordingLimits):
     """Parameters of the recorder."""
 
-    directory: str = setting('./recordings', 'Where the recordings go.', fixed=True)
+    directory: str = fixed('./recordings', 'Where the recordings go.')
     rig_name: str = of_rig('rig_name')
     operator: str = setting('', 'Who runs it, for the recording.')
     notes: str = setting('', 'Remarks, for the recording.')
-    autostart: bool = setting(True, 'Record from the start.', fixed=True)
+    autostart: bool = fixed(True, 'Record from the start.')
     prefix: str = setting('hunt', 'Beginning of the names of recordings.')
-    record_estimates: bool = setting(
-        False, 'Record the estimates too; a replay makes them again.', fixed=True
-    )
-    extra_topics: tuple[str, ...] = setting(
-        (), 'Full names of topics outside of the namespace to record as well.', fixed=True
+    record_estimates: bool = fixed(False, 'Record the estimates too; a replay makes them again.')
+    extra_topics: tuple[str, ...] = fixed(
+        (), 'Full names of topics outside of the namespace to record as well.'
     )
 
     def __post_init__(self) -> None:
@@ -169,22 +148,29 @@ class BagRecorderNode(SuiteNode):
         #: For how long the node has listened, s; a time in which it was held up is none.
         self._listened_s = 0.0
         self._refused: set[str] = set()
+        full = {self._full(name): topic for name, topic in TOPICS.items()}
+        self._known = {name: topic for name, topic in full.items() if self._wants(name)}
         self._last = 'no recording'
-        self._closed = self.create_publisher(String, OWN_TOPIC, latched())
-        self._mark = self.create_publisher(String, _MARK_TOPIC, stream(10))
-        self._calls = Calls(self)
+        self._closed = announce(self, OWN_TOPIC)
+        self._mark = announce(self, 'recording/mark')
         self._parameter_files: dict[str, str] = {}  # by full name of the node
-        self.create_subscription(String, PARAMETERS, self._on_parameters, latched(_NODES))
+        self.create_subscription(String, 'parameters', self._on_parameters, latched(_NODES))
         #: A recording is wanted, and tried again at this time where it cannot be, steady clock.
         self._wanted, self._again_s = self._config.autostart, 0.0
         self._events_name = self._full('hunting/events')
         least_free = lambda: int(self._config.least_free_mib * 2**20)  # noqa: E731
         self._clipper = Clipper(self, self._goes_on, least_free)
         self._look_around()  # who sees that it listens may count on the recording
-        for name, (kind, kept) in TOPICS.items():
-            self._subscribe(self._full(name), kind, True, kept > 0)
-        words = ('start', 'stop', 'split', 'mark')
-        self.offer_beside({f'recording/{word}': getattr(self, f'_on_{word}') for word in words})
+        # Before their publishers appear, so that their first message is in the bag.
+        for name, (kind, quality) in self._known.items():
+            self._subscribe(name, kind, True, _is_latched(quality))
+        answers = {
+            'start-recording': self._on_start,
+            'stop-recording': self._on_stop,
+            'split-recording': self._on_split,
+            'mark': self._on_mark,
+        }
+        Calls(self, answers, beside=True)
         # A long repair of an earlier recording must not keep this one from beginning.
         self.work('closing earlier recordings', self._finalise, 0.0)
         self.create_timer(_ROUND_S, self._round, clock=steady_clock())
@@ -292,8 +278,7 @@ class BagRecorderNode(SuiteNode):
             offers = [info.qos_profile for info in self._offers(name)]
             if offers:
                 reliable = all(q.reliability != ReliabilityPolicy.BEST_EFFORT for q in offers)
-                kept = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in offers)
-                self._subscribe(name, kinds[0], reliable, kept)
+                self._subscribe(name, kinds[0], reliable, all(map(_is_latched, offers)))
 
     def _offers(self, name: str) -> Sequence[Any]:
         return self.get_publishers_info_by_topic(name) if self._wants(name) else ()
@@ -309,8 +294,7 @@ class BagRecorderNode(SuiteNode):
             return
         with self._busy:
             if topic is None:
-                depths = {self._full(each): depth for each, (_, depth) in TOPICS.items()}
-                kept = depths.get(name, _FOREIGN_KEPT)
+                kept = self._known[name][1].depth if name in self._known else _FOREIGN_KEPT
                 topic = self._topics[name] = _Topic(self, name, kind, is_latched, kept)
                 if self._recording is not None:
                     topic.key = self._recording.topic(name, kind, latched=is_latched)
@@ -381,14 +365,14 @@ class BagRecorderNode(SuiteNode):
             raise BagError('no recording is running')
         return self._recording
 
-    def _on_start(self) -> str:
+    def _on_start(self, said: Said) -> str:
         with self._busy:
             self._wanted = True
             if self._recording is not None:
                 raise BagError(f'already recording {self._recording.path}')
             return str(self._begin())
 
-    def _on_stop(self) -> str:
+    def _on_stop(self, said: Said) -> str:
         """Close the recording when all that was published before is in it."""
         asked_ns, asked_s = time.time_ns(), self._listened_s
         self._wanted = False
@@ -397,8 +381,8 @@ class BagRecorderNode(SuiteNode):
             # The clock of a publisher may be behind: whatever it says, two heartbeats are over.
             # Nobody can tell that from a backlog that still comes.
             if self._listened_s - asked_s > _RESENT_S:
-                said = 'its clock is behind, or messages are on their way'
-                self.get_logger().warning(f'closed though {late} is older than the stop: {said}')
+                why = 'its clock is behind, or messages are on their way'
+                self.get_logger().warning(f'closed though {late} is older than the stop: {why}')
                 break
             time.sleep(_ROUND_S)
         return str(self._finish())
@@ -418,16 +402,15 @@ class BagRecorderNode(SuiteNode):
                     return topic.name
         return ''
 
-    def _on_split(self) -> str:
+    def _on_split(self, said: Said) -> str:
         self._running().split()
         return 'going on in a new file'
 
-    def _on_mark(self) -> str:
+    def _on_mark(self, said: Said) -> str:
         """Mark this moment, with the words that came just before the call."""
         self._running()
-        words = self._calls.take('mark').words
-        self._mark.publish(String(data=words or 'mark'))
-        return f'marked{", with words" if words else ""}'
+        self._mark.publish(String(data=said.words or 'mark'))
+        return f'marked{", with words" if said.words else ""}'
 
     def _health(self) -> Health:
         if (recording := self._recording) is None:
@@ -448,6 +431,10 @@ class BagRecorderNode(SuiteNode):
             waits = 'use_sim_time is set, and no /clock comes: nothing is recorded'
             return Awaited('STALE'), waits, values
         return *_judged(state), values
+
+
+def _is_latched(quality: QoSProfile) -> bool:
+    return quality.durability == DurabilityPolicy.TRANSIENT_LOCAL
 
 
 def _free_bytes(path: Path) -> int | str:

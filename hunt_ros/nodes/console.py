@@ -21,7 +21,7 @@ from std_msgs.msg import String
 from hunt_ros.nodes.support.caller import Answer, Caller
 from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns
 from hunt_ros.nodes.support.node import SuiteNode
-from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched
+from hunt_ros.nodes.support.qos import hear
 from hunt_ros.services import KEYS, SERVICES
 
 #: Answers come in another thread than what is heard, and two lines in one are none.
@@ -33,15 +33,10 @@ class ConsoleNode(SuiteNode):
 
     def __init__(self) -> None:
         super().__init__('console', alone=False)
-        for topic, quality in (
-            ('hunting/events', EVENTS),
-            ('hunting/status', STATUS),
-            ('speed/status', latched()),
-            ('/diagnostics', EVENTS),
-        ):
-            self.create_subscription(DiagnosticArray, topic, partial(_print, topic), quality)
+        for topic in ('hunting/events', 'hunting/status', 'speed/status', '/diagnostics'):
+            hear(self, topic, partial(_print, topic))
         for topic in ('hunting/normal_form', 'recording/closed'):
-            self.create_subscription(String, topic, partial(_print_text, topic), latched())
+            hear(self, topic, partial(_print_text, topic))
         self._caller = Caller(self, KEYS.values())
         self.work('commands', self._read)
 

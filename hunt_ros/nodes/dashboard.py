@@ -12,8 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
 from hunt_ros.dashboard.access import access
@@ -22,12 +20,12 @@ from hunt_ros.dashboard.recordings import Recordings
 from hunt_ros.dashboard.server import PageServer
 from hunt_ros.dashboard.words import Words
 from hunt_ros.nodes.support.caller import Caller
-from hunt_ros.nodes.support.conversions import read_diagnostic, to_ns
+from hunt_ros.nodes.support.conversions import message_class, read_diagnostic, to_ns
 from hunt_ros.nodes.support.diagnostics import Health, steady_clock
 from hunt_ros.nodes.support.hearing import Channels, waiting
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare, declare_normal_form
-from hunt_ros.nodes.support.qos import EVENTS, STATUS, latched, stream
+from hunt_ros.nodes.support.qos import TOPICS
 from hunt_ros.samples import counted
 from hunt_ros.sensors import DISPLACEMENTS
 from hunt_ros.settings import Settings, setting
@@ -78,22 +76,20 @@ class DashboardNode(SuiteNode):
         self._model = PageModel(settings, form, self.get_namespace())
         self._inbox = Channels(self, DISPLACEMENTS)
         model, now = self._model, time.monotonic
-        told: dict[str, tuple[QoSProfile, Callable[..., None]]] = {
-            'hunting/status': (STATUS, lambda at_ns, said: model.take_status(at_ns, said, now())),
-            'hunting/events': (EVENTS, model.take_event),
-            '/diagnostics': (EVENTS, lambda _, said: model.take_health(said, now())),
-            'speed/status': (latched(), lambda _, said: model.take_speed_status(said, now())),
+        takers: dict[str, Callable[..., None]] = {
+            'hunting/status': lambda at_ns, said: model.take_status(at_ns, said, now()),
+            'hunting/events': model.take_event,
+            '/diagnostics': lambda _, said: model.take_health(said, now()),
+            'speed/status': lambda _, said: model.take_speed_status(said, now()),
+            'hunting/alarms': model.take_alarms,
+            'hunting/normal_form': self._take_form,
+            'recording/mark': model.take_mark,
         }
-        texts: dict[str, tuple[QoSProfile, Callable[..., None]]] = {
-            'hunting/alarms': (latched(), model.take_alarms),
-            'hunting/normal_form': (latched(), self._take_form),
-            'recording/mark': (stream(10), model.take_mark),
-        }
-        self._heard = [
-            (self.create_polled_subscription(kind, topic, qos), take)
-            for kind, topics in ((DiagnosticArray, told), (String, texts))
-            for topic, (qos, take) in topics.items()
-        ]
+        self._heard = []
+        for topic, take in takers.items():
+            kind, quality = TOPICS[topic]
+            subscription = self.create_polled_subscription(message_class(kind), topic, quality)
+            self._heard.append((subscription, take))
         self._caller = Caller(self)
         host = f'[{config.address}]' if ':' in config.address else config.address
         self._url = f'http://{host}:{self._server.site.port}/'

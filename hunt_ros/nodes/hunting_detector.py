@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from queue import SimpleQueue
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
 from std_msgs.msg import String
 
@@ -31,14 +30,13 @@ from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.support.conversions import diagnostic
 from hunt_ros.nodes.support.diagnostics import Health, NewSince, log, steady_clock
 from hunt_ros.nodes.support.estimate_publishers import EstimatePublishers
-from hunt_ros.nodes.support.hearing import Calls, Channels
+from hunt_ros.nodes.support.hearing import Calls, Channels, Said
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare, declare_normal_form
-from hunt_ros.nodes.support.qos import EVENTS, JOURNAL, STATUS, latched
-from hunt_ros.nodes.support.worker import offer
+from hunt_ros.nodes.support.qos import announce, hear
 from hunt_ros.rig import of_rig
 from hunt_ros.samples import Uncertain
-from hunt_ros.settings import Settings, setting
+from hunt_ros.settings import Settings
 from hunt_ros.suite import Awaited
 
 #: Samples are handed over so often, s: less often costs less, and estimates are as much later.
@@ -55,7 +53,6 @@ _TASK = 'criteria and forecast'
 class DetectorNodeConfig(Settings):
     """Parameters of the node itself; those of the detector are `DetectorConfig`."""
 
-    frame_id: str = setting('roller_rig', 'frame_id of the messages.')
     rig_name: str = of_rig('rig_name')
 
 
@@ -76,24 +73,25 @@ class HuntingDetectorNode(SuiteNode):
         load()  # no first sample waits for its machine code
         self._detector = HuntingDetector(self._config, self._form)
         self._alarms_said = ''
-        self._status = self.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
-        self._events = self.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
-        self._journal = self.create_publisher(String, 'hunting/journal', JOURNAL)
+        self._status = announce(self, 'hunting/status')
+        self._events = announce(self, 'hunting/events')
+        self._journal = announce(self, 'hunting/journal')
         beside, rig = self._beside, None
         if beside.forecast == 'wheelset':
             rig = RigParameters.read(beside.forecast_rig)
         self._companions = Companions(beside, self._config, rig)
         self._motions: SimpleQueue[NDArray[np.void]] = SimpleQueue()
         self.work(_TASK, self._accompany)
-        self.create_subscription(String, 'hunting/normal_form', self._on_form, latched())
-        self._alarms = self.create_publisher(String, 'hunting/alarms', latched())
-        self._calls = Calls(self)
-        offer(self, 'hunting/acknowledge_alarm', self._acknowledge)
-        offer(self, 'hunting/alarm_history', lambda: self._detector.history.to_text())
-        offer(self, 'hunting/accept_normal_form', self._accept)
-        rate_hz, frame_id = self._config.output_rate_hz, self._settings.frame_id
+        hear(self, 'hunting/normal_form', self._on_form)
+        self._alarms = announce(self, 'hunting/alarms')
+        answers = {
+            'acknowledge': self._acknowledge,
+            'alarm-history': lambda said: self._detector.history.to_text(),
+            'accept-form': self._accept,
+        }
+        Calls(self, answers)
         self._inbox = Channels(self, self._config.channels)
-        self._estimates = EstimatePublishers(self, rate_hz, frame_id)
+        self._estimates = EstimatePublishers(self, self._config.output_rate_hz)
         # A clock that is set back, or stands still, would hold a timer of its own up.
         self.create_timer(_HAND_OVER_S, self._drain, clock=steady_clock())
         self.create_timer(_TICK_S, self._tick, clock=steady_clock())
@@ -220,19 +218,18 @@ class HuntingDetectorNode(SuiteNode):
         if not output.events:  # before the first row it is none
             self.get_logger().info('a new normal form is in force')
 
-    def _accept(self) -> str:
+    def _accept(self, said: Said) -> str:
         if self._waiting is None:
             raise ConfigError('no normal form is waiting')
         self._take_over(self._waiting)
         return ''
 
-    def _acknowledge(self) -> str:
-        call = self._calls.take('acknowledge')
-        by = call.words or call.who
+    def _acknowledge(self, said: Said) -> str:
         self._drain()
-        said = '' if self._detector.history.codes else 'there was no alarm to acknowledge'
-        self._publish(self._detector.acknowledge(self.get_clock().now().nanoseconds, by))
-        return said
+        answer = '' if self._detector.history.codes else 'there was no alarm to acknowledge'
+        now_ns = self.get_clock().now().nanoseconds
+        self._publish(self._detector.acknowledge(now_ns, said.words or said.who))
+        return answer
 
     def _health(self) -> Health:
         status = self._detector.status

@@ -22,16 +22,15 @@ from hunt_ros.bag import ChannelSource, read_record
 from hunt_ros.bag.clocks import going_on
 from hunt_ros.bag.record_writer import messages_of
 from hunt_ros.errors import BagError, ConfigError
-from hunt_ros.nodes.support.conversions import message_class, to_time
+from hunt_ros.nodes.support.conversions import to_time
 from hunt_ros.nodes.support.diagnostics import Health
-from hunt_ros.nodes.support.hearing import UNNAMED
+from hunt_ros.nodes.support.hearing import UNNAMED, Calls, Said
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare
-from hunt_ros.nodes.support.qos import MEASUREMENTS, stream
-from hunt_ros.nodes.support.worker import offer
+from hunt_ros.nodes.support.qos import announce
 from hunt_ros.samples import NANOSECONDS, Record, Series
 from hunt_ros.sensors import DISPLACEMENTS, MOTION
-from hunt_ros.settings import Settings, setting
+from hunt_ros.settings import Settings, fixed, setting
 from hunt_ros.suite import PAGE
 
 _CLOCK_S = 0.01
@@ -47,15 +46,11 @@ _PAUSE_NS = NANOSECONDS
 class ReplayConfig(Settings):
     """Parameters of the replay."""
 
-    bag: str = setting('', 'Recording to play.', fixed=True)
-    channels: tuple[str, ...] = setting(
-        (), 'NAME=SOURCE for recordings with other topics.', fixed=True
-    )
+    bag: str = fixed('', 'Recording to play.')
+    channels: tuple[str, ...] = fixed((), 'NAME=SOURCE for recordings with other topics.')
     rate: float = setting(1.0, 'Recorded seconds in a second.', low=0.1, high=50.0)
-    from_s: float = setting(0.0, 'Where to begin.', unit='s', low=0.0, fixed=True)
-    to_s: float = setting(
-        math.inf, 'Where to end; inf: at the end.', unit='s', low=0.0, fixed=True
-    )
+    from_s: float = fixed(0.0, 'Where to begin.', unit='s', low=0.0)
+    to_s: float = fixed(math.inf, 'Where to end; inf: at the end.', unit='s', low=0.0)
 
 
 class LiveReplayNode(SuiteNode):
@@ -86,12 +81,11 @@ class LiveReplayNode(SuiteNode):
             time.sleep(_LOOK_S)
             if company := self._company(ours=0):
                 raise ConfigError(company)
-        self._clock_publisher = self.create_publisher(Clock, '/clock', stream(100))
+        self._clock_publisher = announce(self, '/clock')
         self._outputs: list[Publisher] = []
-        self._messages = messages_of(part, self._output, self.get_namespace())
+        self._messages = messages_of(part, self._output, '')
         self._heard = False
-        offer(self, 'replay/pause', self._pause)
-        offer(self, 'replay/resume', self._resume)
+        Calls(self, {'pause-replay': self._pause, 'resume-replay': self._resume})
         self.work('replay', self._play)
 
     def _company(self, ours: int) -> str:
@@ -108,8 +102,7 @@ class LiveReplayNode(SuiteNode):
 
     def _output(self, topic: str, kind: str) -> int:
         """Publish a topic from now on; return its number."""
-        publisher = self.create_publisher(message_class(kind), topic, stream(MEASUREMENTS))
-        self._outputs.append(publisher)
+        self._outputs.append(announce(self, topic.lstrip('/')))
         return len(self._outputs) - 1
 
     def _somebody_listens(self) -> bool:
@@ -158,11 +151,11 @@ class LiveReplayNode(SuiteNode):
     def _say_time(self, stamp_ns: int) -> None:
         self._clock_publisher.publish(Clock(clock=to_time(stamp_ns)))
 
-    def _pause(self) -> str:
+    def _pause(self, said: Said) -> str:
         self._playing = False
         return ''
 
-    def _resume(self) -> str:
+    def _resume(self, said: Said) -> str:
         self._playing = True
         return ''
 

@@ -16,7 +16,6 @@ import threading
 import time
 from collections import deque
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 from std_msgs.msg import String
@@ -26,12 +25,12 @@ from hunt_ros.errors import HuntError, one_line
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.nodes.support.diagnostics import Health
 from hunt_ros.nodes.support.form_files import FormFiles
+from hunt_ros.nodes.support.hearing import Calls, Said
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare, declare_normal_form
-from hunt_ros.nodes.support.qos import latched
+from hunt_ros.nodes.support.qos import announce, hear
 from hunt_ros.nodes.support.refit import refit
-from hunt_ros.nodes.support.worker import offer
-from hunt_ros.rig import of_rig
+from hunt_ros.rig import Rig
 from hunt_ros.samples import counted
 from hunt_ros.settings import Settings, setting
 
@@ -40,34 +39,11 @@ _TASK, _LOOK_S = 'identification', 0.5
 
 @dataclass(frozen=True)
 class IdentifierConfig(Settings):
-    """Parameters of the identifier."""
+    """Parameters of the identifier, beside those of the rig."""
 
-    directory: str = setting('./recordings', 'Where the parameter files go.', fixed=True)
-    rig_name: str = of_rig('rig_name')
+    directory: str = setting('./recordings', 'Where the parameter files go.')
     on_close: bool = setting(True, 'Identify whenever a recording is closed.')
-    history: int = setting(
-        8, 'Use so many of the last recordings together.', low=1, high=1000, fixed=True
-    )
-    length_scale_m: float = of_rig('length_scale_m')
-    time_scale_s: float = of_rig('time_scale_s')
-    hunting_frequency_hz: float = of_rig('hunting_frequency_hz')
-    lines: tuple[float, ...] = of_rig('lines')
-    roller_diameter_m: float = of_rig('roller_diameter_m')
-    wheel_diameter_m: float = of_rig('wheel_diameter_m')
-    speed_resolution_mps: float = of_rig('speed_resolution_mps')
-    speed_scale_std: float = of_rig('speed_scale_std')
-    lateral_range_m: float = of_rig('lateral_range_m')
-    flange_clearance_m: float = of_rig('flange_clearance_m')
-    prior_v_c: tuple[float, ...] = of_rig('prior_v_c')
-    prior_D1: tuple[float, ...] = of_rig('prior_D1')
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.identification()
-
-    def identification(self) -> IdentificationSettings:
-        """Return what the identification is told of the rig; raises ConfigError."""
-        return IdentificationSettings.of(self)
+    history: int = setting(8, 'Use so many of the last recordings together.', low=1, high=1000)
 
 
 class NormalFormIdentifierNode(SuiteNode):
@@ -75,7 +51,8 @@ class NormalFormIdentifierNode(SuiteNode):
 
     def __init__(self) -> None:
         super().__init__('normal_form_identifier')
-        self._config = declare(self, IdentifierConfig, partial(setattr, self, '_config'))
+        self._config = declare(self, IdentifierConfig)
+        self._settings = IdentificationSettings.of(declare(self, Rig))
         self._files = FormFiles(Path(self._config.directory))
         self._seen: deque[Path] = deque(maxlen=1000)
         self._waiting: list[Path] = []
@@ -85,11 +62,10 @@ class NormalFormIdentifierNode(SuiteNode):
         self._lock = threading.Lock()
         self._ordered = threading.Event()
         self._state = ('OK', 'no recording yet')
-        self._publisher = self.create_publisher(String, 'hunting/normal_form', latched())
-        self.create_subscription(String, 'recording/closed', self._on_closed, latched())
-        offer(self, 'identify', self._on_identify)
-        offer(self, 'hunting/revert_normal_form', self._on_revert)
-        self._take_up(declare_normal_form(self, self._config.rig_name))
+        self._publisher = announce(self, 'hunting/normal_form')
+        hear(self, 'recording/closed', self._on_closed)
+        Calls(self, {'identify': self._on_identify, 'revert-form': self._on_revert})
+        self._take_up(declare_normal_form(self, self._settings.rig_name))
         self.work(_TASK, self._follow)
 
     def _take_up(self, given: IdentifiedNormalForm | None) -> None:
@@ -97,7 +73,7 @@ class NormalFormIdentifierNode(SuiteNode):
         try:
             form = given or self._files.kept()
             if form is not None:
-                form.refuse_other(self._config.rig_name, str(self._files.newest))
+                form.refuse_other(self._settings.rig_name, str(self._files.newest))
         except HuntError as error:
             self.get_logger().error(str(error))
             return
@@ -119,18 +95,18 @@ class NormalFormIdentifierNode(SuiteNode):
         if self._config.on_close:
             self._ordered.set()
 
-    def _on_identify(self) -> str:
+    def _on_identify(self, said: Said) -> str:
         """Begin an identification; no success where there is nothing, or the last one failed."""
         if not self._seen:
             raise HuntError('no recording was closed yet')
         self._ordered.set()
-        said = f'identifying from {counted(self._recordings, "recording")}'
+        words = f'identifying from {counted(self._recordings, "recording")}'
         level, text = self._state
         if level != 'OK':
-            raise HuntError(f'{said}; the last identification failed: {text}')
-        return said
+            raise HuntError(f'{words}; the last identification failed: {text}')
+        return words
 
-    def _on_revert(self) -> str:
+    def _on_revert(self, said: Said) -> str:
         """Go back to the form before the newest; it is the operator who wants it so."""
         with self._lock:
             text = self._files.go_back()
@@ -140,9 +116,9 @@ class NormalFormIdentifierNode(SuiteNode):
             self._base = tuple(map(Path, IdentifiedNormalForm.from_yaml(text).recordings))
             self._publisher.publish(String(data=text))
             self._state = ('OK', 'back to the normal form before, by the operator')
-        said = f'{self._files.newest} is the earlier form again'
-        self.get_logger().warning(said)
-        return said
+        words = f'{self._files.newest} is the earlier form again'
+        self.get_logger().warning(words)
+        return words
 
     @property
     def _recordings(self) -> int:
@@ -177,7 +153,7 @@ class NormalFormIdentifierNode(SuiteNode):
         begin = time.monotonic()
         with tempfile.TemporaryDirectory() as folder:
             whole = Path(folder) / 'whole.npz'
-            found = refit(paths, self._config.identification(), whole, stopping)
+            found = refit(paths, self._settings, whole, stopping)
             for warning in (*found.unreadable.values(), *found.warnings):
                 self.get_logger().warning(warning)
             with self._lock:
@@ -194,7 +170,7 @@ class NormalFormIdentifierNode(SuiteNode):
                 form = IdentifiedNormalForm.from_yaml(found.form)
                 lines = {f'{RECORDING}{k}': str(path) for k, path in enumerate(self._base, 1)}
                 provenance = {**form.provenance, **lines}
-                form = replace(form, rig_name=self._config.rig_name, provenance=provenance)
+                form = replace(form, rig_name=self._settings.rig_name, provenance=provenance)
                 text = form.to_yaml()
                 path = self._files.keep(text, whole)
                 self._publisher.publish(String(data=text))

@@ -13,7 +13,6 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,10 +27,10 @@ from hunt_ros.dynamics.simulation import RollerRig, Roughness, SensorModel, Simu
 from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.support.conversions import to_ns, to_time
 from hunt_ros.nodes.support.diagnostics import Health
+from hunt_ros.nodes.support.hearing import Calls, Said
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.parameters import declare
-from hunt_ros.nodes.support.qos import STATUS, stream
-from hunt_ros.nodes.support.worker import offer
+from hunt_ros.nodes.support.qos import announce, hear
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
@@ -64,38 +63,29 @@ _ORDINARY: dict[str, Any] = {
 class SimulatorConfig(Settings):
     """Parameters of the rig simulator."""
 
-    host: str = setting('127.0.0.1', 'Address to serve on.', fixed=True)
-    port: int = setting(47100, 'TCP port to serve on.', low=1, high=65535, fixed=True)
+    host: str = setting('127.0.0.1', 'Address to serve on.')
+    port: int = setting(47100, 'TCP port to serve on.', low=1, high=65535)
     sample_rate_hz: float = setting(
-        500.0, 'Rate of both sensors.', unit='Hz', low=100.0, high=2000.0, fixed=True
+        500.0, 'Rate of both sensors.', unit='Hz', low=100.0, high=2000.0
     )
     time_scale: float = setting(
         1.0,
-        'Simulated seconds in a second, at most; not 1: /clock is published, and waits for the'
-        ' detector.',
+        'Simulated seconds in a second, at most; not 1: /clock is published, begins when the'
+        ' detector is heard, and waits for it.',
         low=0.01,
         high=50.0,
-        fixed=True,
     )
-    wheelset: str = setting(
-        '', 'YAML file of the simulated rig; empty: the built-in one.', fixed=True
-    )
+    wheelset: str = setting('', 'YAML file of the simulated rig; empty: the built-in one.')
     initial_speed_mps: float = setting(
-        6.0, 'Running speed at the start.', unit='m/s', low=0.1, high=100.0, fixed=True
+        6.0, 'Running speed at the start.', unit='m/s', low=0.1, high=100.0
     )
     kick_m: float = setting(
         0.3e-3, 'Size of the bump of the service kick.', unit='m', low=0.0, high=0.02
     )
-    kick_times_s: tuple[float, ...] = setting(
-        (), 'Times of bumps by themselves.', unit='s', fixed=True
-    )
-    kick_sizes_m: tuple[float, ...] = setting((), 'Sizes of these bumps.', unit='m', fixed=True)
-    seed: int = setting(0, 'Of everything random.', low=0, fixed=True)
+    kicks: tuple[float, ...] = setting((), 'Time, s, and size, m, of each bump by itself.')
+    seed: int = setting(0, 'Of everything random.', low=0)
     start_with_readers: int = setting(
-        0, 'Hold the simulated time until so many drivers are connected.', low=0, fixed=True
-    )
-    start_with_detector: bool = setting(
-        False, 'Hold it, where /clock is published, until the detector is heard.', fixed=True
+        0, 'Hold the simulated time until so many drivers are connected.', low=0
     )
 
 
@@ -129,14 +119,10 @@ class Pace:
         self.heard = False
         self._judged_ns = 0
         self._progress_s = clock()
-        self._subscription = node.create_subscription(
-            DiagnosticArray, 'hunting/status', self._on_status, STATUS
-        )
+        hear(node, 'hunting/status', self._on_status)
 
     def must_wait(self, now_ns: int) -> bool:
         """Return True if simulated time `now_ns` is as far ahead as it may be."""
-        if not self.heard:
-            return False
         if not self._judged_ns:
             self._judged_ns, self._progress_s = now_ns, self._clock()
         waited_s = self._clock() - self._progress_s
@@ -155,8 +141,10 @@ class RigSimulatorNode(SuiteNode):
 
     def __init__(self) -> None:
         super().__init__('rig_simulator')
-        self._config = config = declare(self, SimulatorConfig, partial(setattr, self, '_config'))
-        self._kicks = _kick_plan(config)
+        self._config = config = declare(self, SimulatorConfig)
+        if len(config.kicks) % 2:
+            raise ConfigError(f'kicks: {config.kicks}, expected a time and a size of each')
+        self._kicks = sorted(zip(config.kicks[::2], config.kicks[1::2], strict=True))
         settings = SimulationSettings(
             sample_rate_hz=config.sample_rate_hz,
             initial_speed=config.initial_speed_mps,
@@ -166,13 +154,13 @@ class RigSimulatorNode(SuiteNode):
         self._server = SimulatorServer(config.host, config.port)
         self._clock_publisher = self._pace = None
         if config.time_scale != 1.0:
-            self._clock_publisher = self.create_publisher(Clock, '/clock', stream(10))
+            self._clock_publisher = announce(self, '/clock')
             self._pace = Pace(self)
         self._time_ns = 0
         self._origin_ns = _FIRST_STAMP_NS
         self._samples = 0
         self._behind_s = 0.0  # real time
-        offer(self, 'simulator/kick', self._on_kick)
+        Calls(self, {'kick': self._on_kick})
         self.work('simulation', self._simulate)
 
     def close(self) -> None:
@@ -222,9 +210,7 @@ class RigSimulatorNode(SuiteNode):
         missing = self._config.start_with_readers - self._server.readers
         if missing > 0:
             return f'{missing} drivers'
-        if self._config.start_with_detector and self._pace is not None and not self._pace.heard:
-            return 'the detector'
-        return ''
+        return '' if self._pace is None or self._pace.heard else 'the detector'
 
     def _advance(self, count: int) -> None:
         """Simulate so many samples, and send them to whoever is connected."""
@@ -249,7 +235,7 @@ class RigSimulatorNode(SuiteNode):
         while self._kicks and self._kicks[0][0] <= elapsed_s:
             self._rig.kick(self._kicks.pop(0)[1])
 
-    def _on_kick(self) -> str:
+    def _on_kick(self, said: Said) -> str:
         self._kicks.insert(0, (0.0, self._config.kick_m))  # due at once
         return 'the wheelset was hit'
 
@@ -266,15 +252,6 @@ class RigSimulatorNode(SuiteNode):
         if not self._samples and (who := self._waits_for()):
             return 'OK', f'waits for {who}', values
         return 'OK', f'{self._server.readers} drivers connected', values
-
-
-def _kick_plan(config: SimulatorConfig) -> list[tuple[float, float]]:
-    if len(config.kick_times_s) != len(config.kick_sizes_m):
-        raise ConfigError(
-            f'kick_times_s has {len(config.kick_times_s)} values and kick_sizes_m'
-            f' {len(config.kick_sizes_m)}, expected one size a time'
-        )
-    return sorted(zip(config.kick_times_s, config.kick_sizes_m, strict=True))
 
 
 make_node = RigSimulatorNode

@@ -19,9 +19,6 @@ from threading import Event
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TwistStamped
-from sensor_msgs.msg import JointState
-from std_srvs.srv import SetBool
 
 from hunt_ros.drivers import safety_state
 from hunt_ros.drivers.base import DriveBlock, DriveDriver
@@ -39,12 +36,11 @@ from hunt_ros.nodes.support.driver_node import DriverNode
 from hunt_ros.nodes.support.ending import abandoned
 from hunt_ros.nodes.support.hearing import Calls, Channels, Said
 from hunt_ros.nodes.support.parameters import declare
-from hunt_ros.nodes.support.qos import EVENTS, MEASUREMENTS, STATUS, latched, stream
-from hunt_ros.nodes.support.worker import Worker, offer
+from hunt_ros.nodes.support.qos import announce, hear
+from hunt_ros.nodes.support.worker import Worker
 from hunt_ros.rig import of_rig
 from hunt_ros.samples import NANOSECONDS
-from hunt_ros.services import SERVICES
-from hunt_ros.settings import Settings, setting
+from hunt_ros.settings import Settings, fixed, setting
 from hunt_ros.suite import AGAIN
 
 #: The interlock looks so often, s.
@@ -67,18 +63,15 @@ _LEVELS = {'tripped': 'ERROR', 'disarmed': 'WARN', 'armed': 'OK'}
 class SpeedConfig(Settings):
     """Parameters of the speed node."""
 
-    driver: str = setting(
-        'simulated', 'The drive, docs/drivers.md; its settings are parameters too.', fixed=True
+    driver: str = fixed(
+        'simulated', 'The drive, docs/drivers.md; its settings are parameters too.'
     )
-    frame_id: str = setting('roller_rig', 'frame_id of the messages.', fixed=True)
     roller_diameter_m: float = of_rig('roller_diameter_m')
     profile: str = setting(
         '', 'Speed profile (docs/profiles.md): its text, or the path of a file; empty: none.'
     )
-    profile_autostart: bool = setting(
-        False,
-        'Start the profile as soon as the interlock allows it; any stop ends that.',
-        fixed=True,
+    profile_autostart: bool = fixed(
+        False, 'Start the profile as soon as the interlock allows it; any stop ends that.'
     )
     emergency_speed_mps: float = setting(
         0.0,
@@ -87,10 +80,8 @@ class SpeedConfig(Settings):
         low=0.0,
         high=100.0,
     )
-    state_file: str = setting(
-        '',
-        'File that keeps emergency stop, trip and alarm over a restart; empty: none.',
-        fixed=True,
+    state_file: str = fixed(
+        '', 'File that keeps emergency stop, trip and alarm over a restart; empty: none.'
     )
     slow_down_at_end: bool = setting(
         True, 'Take the roller to the safe speed before the node ends; false: leave it.'
@@ -152,31 +143,30 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         self._left = False  # at the end, as it is: nothing trips any more
         self._ending = False  # it was asked to end
         self._new = NewSince()
-        self._written = joint_writer(['roller'], self._config.frame_id, velocity=True)
-        self._speed = self.create_publisher(TwistStamped, 'speed', stream(MEASUREMENTS))
-        self._announced = self.create_publisher(JointState, 'roller', stream(MEASUREMENTS))
-        self._target = self.create_publisher(TwistStamped, 'speed/target', STATUS)
-        self._status = self.create_publisher(DiagnosticArray, 'speed/status', latched())
-        self._events = self.create_publisher(DiagnosticArray, 'hunting/events', EVENTS)
-        self.create_subscription(DiagnosticArray, 'hunting/status', self._on_detector, STATUS)
+        self._written = joint_writer(['roller'], velocity=True)
+        self._speed = announce(self, 'speed')
+        self._announced = announce(self, 'roller')
+        self._target = announce(self, 'speed/target')
+        self._status = announce(self, 'speed/status')
+        self._events = announce(self, 'hunting/events')
+        hear(self, 'hunting/status', self._on_detector)
         self._lateral = Channels(self, ['lateral'])
-        self._calls = Calls(self)
         guard, now = self._guard, self._steady_ns
         asked: dict[str, Callable[[Said], str]] = {
             'rearm': self._rearm,
+            'arm-interlock': partial(self._arm, True),
+            'disarm-interlock': partial(self._arm, False),
             'stop-profile': lambda said: guard.stop(said.who),
             'start-profile': lambda said: _done(guard.start(now(), said.who)),
             'resume-profile': lambda said: _done(guard.start(now(), said.who, resume=True)),
             'shelve-alarm': lambda said: guard.shelve(said.words, said.who),
         }
-        for word, act in asked.items():
-            offer(self, SERVICES[word].name, partial(self._asked, word, act))
-        self.create_service(SetBool, 'speed/arm_interlock', self._arm)
+        Calls(self, asked)
         self.create_timer(SET_POINT_S, self._send_next, clock=self._steady)
         self.create_timer(_WATCH_S, self._watch, clock=self._steady)
         self.create_timer(_STATUS_S, self._report, clock=self._steady)
         # Of its own thread: it waits for the encoder, and works where the executor hangs.
-        self.offer_beside({'speed/emergency_stop': self._emergency_stop})
+        Calls(self, {'emergency-stop': self._emergency_stop}, beside=True)
         self._keeper = Worker(self._diagnostics.failed, 'safety state', self._keep)
         interlock = self._guard.interlock
         if interlock.state != 'armed':
@@ -251,7 +241,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         refused, taken_mps = self._guard.refusal, self._guard.hand_over(driver)
         if taken_mps is not None:
             now_ns = self.get_clock().now().nanoseconds
-            self._target.publish(twist(now_ns, taken_mps, self._config.frame_id))
+            self._target.publish(twist(now_ns, taken_mps))
         if self._guard.refusal and not refused:
             self.get_logger().error(f'set point: {self._guard.refusal}')
 
@@ -269,7 +259,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             rate = 2.0 * speed_mps / self._diameter_m
             if not math.isnan(angle_rad):  # a drive may have no encoder
                 self._announced.publish(self._written(stamp_ns, angle_rad, rate))
-            self._speed.publish(twist(stamp_ns, speed_mps, self._config.frame_id))
+            self._speed.publish(twist(stamp_ns, speed_mps))
         self._published += block.stamps_ns.size
 
     def _lose(self, count: int) -> None:
@@ -333,23 +323,16 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         self._events.publish(diagnostic(now_ns, change.event, level, cause, values, rig))
         log(self, level, f'{change.event}: {cause}')
 
-    def _asked(self, word: str, act: Callable[[Said], str]) -> str:
-        return act(self._calls.take(word))
-
     def _rearm(self, said: Said) -> str:
         change, refusal = self._guard.rearm(self._steady_ns(), said.who)
         self._tell(change)
         return _done(refusal)
 
-    def _arm(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+    def _arm(self, armed: bool, said: Said) -> str:
         """Arm or disarm the interlock; what it holds is held until `rearm`."""
-        word = 'arm-interlock' if request.data else 'disarm-interlock'
-        who = self._calls.take(word).who
-        change, refusal = self._guard.arm(self._steady_ns(), request.data, who)
+        change, refusal = self._guard.arm(self._steady_ns(), armed, said.who)
         self._tell(change)
-        response.success = not refusal
-        response.message = refusal or self._guard.interlock.state
-        return response
+        return _done(refusal) or self._guard.interlock.state
 
     def _send_next(self) -> None:
         """Post the set point that holds now, if there is one and a drive to take it."""
@@ -358,7 +341,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         if self._note not in ('', before):
             self.get_logger().info(f'profile: {self._note}')
 
-    def _emergency_stop(self) -> str:
+    def _emergency_stop(self, said: Said) -> str:
         """
         Stop, and say whether the roller slows down.
 
@@ -366,8 +349,8 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         drive that took it may not obey. The stop is sent again until `rearm`.
         """
         guard, emergency_mps = self._guard, self._config.emergency_speed_mps
-        who = self._calls.take('emergency-stop').who
-        number, slowed_mps = guard.emergency_stop(emergency_mps, self._profile_ns(), who)
+        now_ns = self._profile_ns()
+        number, slowed_mps = guard.emergency_stop(emergency_mps, now_ns, said.who)
         began_s = time.monotonic()
         while not (problem := self._absence()):
             if guard.answered >= number and guard.refusal:

@@ -29,6 +29,8 @@ from hunt_ros.nodes.support.worker import hidden_node
 from hunt_ros.settings import Settings, setting
 
 _LOOK_S, _WAIT_S = 0.05, 0.005
+#: Its publisher is looked for so long, s.
+_DISCOVERY_S = 1.0
 #: Samples that may wait for the thread that reads.
 _DEPTH = 5000
 
@@ -38,9 +40,6 @@ class Topic(Settings):
     """A field of a topic."""
 
     source: str = setting('', 'Topic and field, as /daq/ch0.data[3]*0.001.')
-    discovery_s: float = setting(
-        1.0, 'How long its publisher is looked for.', unit='s', low=0.1, high=60.0
-    )
 
 
 class Sensor(SensorDriver):
@@ -61,13 +60,12 @@ class Sensor(SensorDriver):
                 f'source: {settings.source!r} names no topic, expected /topic.field with the'
                 ' full name of the topic'
             )
-        self._context: Any = None
 
     def open(self) -> None:
         """Find the topic and listen; raises DriverError where there is none, or no such field."""
-        self._context = rclpy.Context()
-        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = hidden_node(f'_{self.channel}_source', context=self._context)
+        self.handle = context = rclpy.Context()
+        rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = hidden_node(f'_{self.channel}_source', context=context)
         kind_name = self._find_type()
         if (kind := message_class(kind_name)) is None:
             raise RefusedError(f'{self}: its type {kind_name} is not installed here')
@@ -78,8 +76,7 @@ class Sensor(SensorDriver):
 
     def read(self, timeout_s: float) -> SensorBlock:
         """Wait for messages; raises DriverError where they have not the field."""
-        if self._context is None:
-            raise DriverError(f'{self}: not open')
+        self.opened()
         deadline_s = time.monotonic() + timeout_s
         while not (taken := list(waiting(self._heard))) and time.monotonic() < deadline_s:
             time.sleep(_WAIT_S)
@@ -95,15 +92,12 @@ class Sensor(SensorDriver):
             stamps[number] = stamp_ns or info['source_timestamp']
         return SensorBlock(stamps, values * self._source.scale + self._source.offset)
 
-    def close(self) -> None:
-        """Listen no more."""
-        context, self._context = self._context, None
-        if context is not None:
-            rclpy.shutdown(context=context)
+    def _release(self, handle: rclpy.Context) -> None:
+        rclpy.shutdown(context=handle)
 
     def _find_type(self) -> str:
         """Return the type of the topic, once somebody publishes it."""
-        deadline_s = time.monotonic() + self.settings.discovery_s
+        deadline_s = time.monotonic() + _DISCOVERY_S
         topic = self._source.topic
         while time.monotonic() < deadline_s:
             publishers = self._node.get_publishers_info_by_topic(topic)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hunt_ros.drivers.serial_line import Sensor, SerialLine
-from hunt_ros.errors import DriverError
+from hunt_ros.errors import DriverError, RefusedError
 
 pytest.importorskip('serial', reason='the extra serial is not installed')
 
@@ -129,3 +129,11 @@ def test_a_first_clock_that_is_none_is_a_lost_line(terminal, machine) -> None:
     values, _, lost = _read(sensor, 5, machine)
     assert (values, lost) == ([2.0, 3.0], 3)
     sensor.close()
+
+
+def test_a_port_that_is_not_there_is_said_at_once() -> None:
+    """As what refuses: no port starts together with the nodes."""
+    sensor = Sensor(SerialLine(serial_port='/dev/no_such_port'), 'lateral', 500.0)
+    words = '/dev/no_such_port at 115200 baud: cannot open it .*No such file or directory'
+    with pytest.raises(RefusedError, match=words):
+        sensor.open()

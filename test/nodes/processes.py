@@ -57,7 +57,7 @@ class Wheelset:
         self._joints = {
             name: (
                 node.create_publisher(JointState, name, stream(1000)),
-                joint_writer([name], 'roller_rig'),
+                joint_writer([name]),
             )
             for name in ('lateral', 'yaw', 'roller')
         }
@@ -80,4 +80,4 @@ class Wheelset:
             for name, (publisher, written) in self._joints.items():
                 if name not in self.muted:
                     publisher.publish(written(stamp_ns, float(values[name])))
-            self._speed.publish(twist(stamp_ns, 7.2, 'roller_rig'))
+            self._speed.publish(twist(stamp_ns, 7.2))

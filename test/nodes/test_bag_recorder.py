@@ -31,7 +31,7 @@ from hunt_ros.bag.recording import RecordingState
 from hunt_ros.errors import BagError
 from hunt_ros.nodes import bag_recorder
 from hunt_ros.nodes.support.conversions import diagnostic, twist
-from hunt_ros.nodes.support.qos import JOURNAL, latched
+from hunt_ros.nodes.support.qos import latched
 
 BEGIN_NS = 1_700_000_000_000_000_000
 BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -267,7 +267,7 @@ def test_simulated_time_without_a_clock_is_said(graph, monkeypatch) -> None:
 
 def test_a_later_recording_begins_with_what_latched_topics_still_say(graph) -> None:
     alarms = graph.node.create_publisher(String, 'hunting/alarms', latched())
-    journal = graph.node.create_publisher(String, 'hunting/journal', JOURNAL)
+    journal = graph.node.create_publisher(String, 'hunting/journal', latched(1000))
     start(graph)
     graph.spin_until(lambda: alarms.get_subscription_count() and journal.get_subscription_count())
     for number in range(5):

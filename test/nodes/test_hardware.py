@@ -49,12 +49,21 @@ def test_readings_become_si_and_a_device_that_is_cut_is_heard_again(graph, modbu
     assert 'Connection to' not in log, 'the library does not write beside our one line'
 
 
+def test_a_port_that_is_not_there_is_an_error_from_the_first_word_on(graph) -> None:
+    pytest.importorskip('serial', reason='the extra serial is not installed')
+    health = graph.told()
+    graph.start('lateral_sensor', driver='serial_line', serial_port='/dev/no_such_port')
+    words = 'serial line /dev/no_such_port at 115200 baud: cannot open it'
+    graph.spin_until(lambda: health.says(words))
+    assert {one['level'] for one in health if words in one['message']} == {'ERROR'}
+
+
 def test_a_sensor_takes_what_another_node_already_publishes(graph) -> None:
     """Fields by the mapping of --channel, with the stamps of their header; no code needed."""
     heard = graph.collect(JointState, 'lateral')
     health = graph.told()
     source = '/daq/imu.linear_acceleration.y*0.5+1'
-    graph.start('lateral_sensor', driver='topic', source=source, discovery_s=0.2)
+    graph.start('lateral_sensor', driver='topic', source=source)
     graph.spin_until(lambda: health.says('nobody publishes /daq/imu'))
     # As drivers of sensors publish: best effort.
     publisher = graph.node.create_publisher(Imu, '/daq/imu', qos_profile_sensor_data)

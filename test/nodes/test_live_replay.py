@@ -30,7 +30,7 @@ def test_a_replay_refuses_another_and_a_stopped_one_goes_on_where_it_was(graph) 
     lateral = graph.collect(JointState, 'lateral')
     first = graph.start('live_replay', bag=bag)
     graph.spin_until(lambda: lateral)
-    own = '/parameter', '/rosout', '/diag', '/rig/parameters'
+    own = '/parameter', '/rosout', '/diag', '/rig/parameters', '/rig/live_replay/calls'
     names = (name for name, _ in graph.node.get_topic_names_and_types())
     replayed = {name for name in names if not name.startswith(own)}
     assert replayed == {'/clock', '/rig/lateral', '/rig/speed'}, 'a recording drives no rig'

@@ -75,6 +75,29 @@ def test_a_second_run_of_a_rig_starts_nothing_that_the_first_one_could_see(
     assert not list((tmp_path / 'recordings').glob('*'))
 
 
+@pytest.mark.slow
+def test_of_two_runs_that_begin_at_once_one_says_that_the_other_runs(
+    tmp_path, machine, domain
+) -> None:
+    """Both found no node of the other; one then said that nobody guards a roller at no speed."""
+    runs, screens = [], [tmp_path / 'first', tmp_path / 'second']
+    words = [*HUNT, 'run', '--simulated', '--directory', str(tmp_path / 'recordings')]
+    for screen in screens:
+        with screen.open('w') as out:
+            runs.append(subprocess.Popen(words, stdout=out, stderr=out))
+    try:
+        machine.until(lambda: any(run.poll() is not None for run in runs), 60.0)
+        refused = [run.poll() is not None for run in runs].index(True)
+        assert runs[refused].returncode == 2
+        assert '/rig runs already on this machine' in screens[refused].read_text()
+        assert 'NOBODY GUARDS' not in screens[refused].read_text()
+        runs[1 - refused].send_signal(signal.SIGTERM)
+        machine.wait_for(runs[1 - refused], 60.0)
+    finally:
+        for run in runs:
+            run.kill()
+
+
 #: Who has this profile of Fast DDS asks for others where nobody is.
 _ALONE = """<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"><profiles>
 <participant profile_name="alone" is_default_profile="true"><rtps><builtin>

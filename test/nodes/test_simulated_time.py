@@ -38,7 +38,7 @@ def test_a_sweep_is_recorded_refitted_and_the_form_taken_over_without_a_restart(
     for name in ('bag_recorder', 'normal_form_identifier'):
         graph.start(name, directory=recordings, **_FOLLOWS)
     graph.spin_until(lambda: graph.node.count_subscribers('/rig/lateral') == 2, 60.0)
-    kicks = {'kick_times_s': [20.0, 50.0], 'kick_sizes_m': [0.00015, 0.00015]}
+    kicks = {'kicks': [20.0, 0.00015, 50.0, 0.00015]}
     rig = {'sample_rate_hz': 100.0, 'initial_speed_mps': 6.2, **kicks}
     graph.start('rig_simulator', port=graph.port, **rig, **_FAST)
     sweep = 'corners: {times_s: [0, 5, 105, 125, 225], speeds_mps: [6.2, 6.2, 8.7, 8.7, 6.1]}'
@@ -67,7 +67,7 @@ def test_a_climb_goes_up_where_a_form_clears_it_and_back_without_one(
     drive = graph.told('speed/status', latched())
     graph.start('hunting_detector', *([form] if form else []), **_DETECTOR)
     graph.spin_until(lambda: said, 60.0)
-    rig = {'sample_rate_hz': 200.0, 'initial_speed_mps': 6.0, 'start_with_detector': True}
+    rig = {'sample_rate_hz': 200.0, 'initial_speed_mps': 6.0}
     resident(rig_simulator.RigSimulatorNode, port=graph.port, **rig, **_FAST)
     climb = 'climb: {low_mps: 6.0, high_mps: 7.0, step_mps: 1.0, rate_mps2: 0.5, wait_s: 60}'
     profile = graph.profile(climb)
@@ -86,7 +86,7 @@ def test_a_climb_goes_up_where_a_form_clears_it_and_back_without_one(
 def test_simulated_time_begins_with_the_detector_and_waits_for_its_first_estimate(graph) -> None:
     times = graph.collect(Clock, '/clock', stream(10))
     status = graph.node.create_publisher(DiagnosticArray, 'hunting/status', STATUS)
-    rig = {'time_scale': 50.0, 'sample_rate_hz': 100.0, 'start_with_detector': True}
+    rig = {'time_scale': 50.0, 'sample_rate_hz': 100.0}
     graph.start('rig_simulator', port=graph.port, **rig)
     graph.spin_until(status.get_subscription_count, 60.0)
     graph.spin(0.5)

@@ -18,6 +18,8 @@ from hunt_ros.dynamics.profile import Motion
 from hunt_ros.samples import NANOSECONDS, as_text, number_of
 from hunt_ros.sensors import CHANNEL_FIELDS, JOINT_STATE, TWIST_STAMPED
 
+#: frame_id of all messages.
+_FRAME = 'roller_rig'
 #: Level of the design -> level of diagnostic_msgs.
 LEVELS: dict[str, bytes] = {
     'OK': DiagnosticStatus.OK,
@@ -64,7 +66,7 @@ def _place(wire: bytes | bytearray, number: int) -> int:
 
 
 def joint_writer(
-    names: Sequence[str], frame: str, velocity: bool = False, effort: bool = False
+    names: Sequence[str], velocity: bool = False, effort: bool = False
 ) -> Callable[..., bytes]:
     """
     Return what makes the wire bytes of a JointState of stamp (ns) and values.
@@ -76,8 +78,6 @@ def joint_writer(
     ----------
     names : sequence of str
         Joints: their positions are the first values, then come velocities and efforts.
-    frame : str
-        frame_id.
     velocity, effort : bool
         Whether the messages carry them.
     """
@@ -86,7 +86,7 @@ def joint_writer(
     message = JointState(name=list(names), position=marks[:count])
     message.velocity = marks[count : count * (1 + velocity)]
     message.effort = marks[count * (1 + velocity) :]
-    message.header.frame_id = frame
+    message.header.frame_id = _FRAME
     wire = bytearray(serialize_message(message))
     places = [_place(wire, number) for number in range(len(marks))]
     # Behind the last number stand the counts of what it does not carry; then what the middleware
@@ -153,11 +153,11 @@ class ChannelReader:
         return to_ns(message.header.stamp), value
 
 
-def twist(stamp_ns: int, speed_mps: float, frame: str = '') -> TwistStamped:
+def twist(stamp_ns: int, speed_mps: float) -> TwistStamped:
     """Return a running speed, m/s, as a TwistStamped."""
     message = TwistStamped()
     message.header.stamp = to_time(stamp_ns)
-    message.header.frame_id = frame
+    message.header.frame_id = _FRAME
     message.twist.linear.x = float(speed_mps)
     return message
 

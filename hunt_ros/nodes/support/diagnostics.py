@@ -13,7 +13,7 @@ from rclpy.node import Node
 
 from hunt_ros.errors import HuntError, one_line
 from hunt_ros.nodes.support.conversions import diagnostic
-from hunt_ros.nodes.support.qos import STATUS
+from hunt_ros.nodes.support.qos import announce
 from hunt_ros.suite import START_S, Awaited
 
 #: (level, one line, values)
@@ -60,7 +60,7 @@ class Diagnostics:
         self.told = self.namesake = False
         self._failures: dict[str, str] = {}
         if published:
-            self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', STATUS)
+            self._publisher = announce(node, '/diagnostics')
             node.create_timer(1.0, self.publish, clock=steady_clock())
 
     @property

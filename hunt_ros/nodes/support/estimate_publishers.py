@@ -92,8 +92,6 @@ class EstimatePublishers:
         Gets the publishers.
     rate_hz : float
         Rate of the rows: the topics keep one second of them.
-    frame : str
-        frame_id of the messages.
 
     Attributes
     ----------
@@ -101,13 +99,13 @@ class EstimatePublishers:
         What is published beside the columns of the rows: the owner keeps it up to date.
     """
 
-    def __init__(self, node: Node, rate_hz: float, frame: str) -> None:
+    def __init__(self, node: Node, rate_hz: float) -> None:
         qos = stream(int(rate_hz))
         self._outputs = [
             (
                 topic,
                 node.create_publisher(JointState, topic.name, qos),
-                joint_writer(topic.joints, frame, topic.rate, topic.std),
+                joint_writer(topic.joints, topic.rate, topic.std),
             )
             for topic in ESTIMATES
         ]

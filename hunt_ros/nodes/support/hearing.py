@@ -1,4 +1,4 @@
-"""How topics are heard: polled, many messages at a time, and what never came is counted."""
+"""How topics and calls are heard: polled, many at a time, and what never came is counted."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +17,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
 
+from hunt_ros.errors import HuntError, one_line
 from hunt_ros.nodes.support.conversions import ChannelReader
 from hunt_ros.nodes.support.node import SuiteNode
 from hunt_ros.nodes.support.qos import MEASUREMENTS, OVERRIDABLE, stream
@@ -213,13 +216,51 @@ class Said(NamedTuple):
 
 
 class Calls:
-    """What was said with the calls of a node's services, on its topic `NODE/calls`."""
+    """
+    The services that a node offers, and what was said with each call on its topic `NODE/calls`.
 
-    def __init__(self, node: SuiteNode) -> None:
+    Parameters
+    ----------
+    node : SuiteNode
+    answers : mapping of str to callable
+        Of each service, by its word in `SERVICES`, what does the work: it gets what was said, and
+        returns the message of the answer; an error is the answer of a service that failed.
+    beside : bool
+        They are answered one by one in a thread of their own.
+    """
+
+    def __init__(
+        self, node: SuiteNode, answers: Mapping[str, Callable[[Said], str]], beside: bool = False
+    ) -> None:
         topic = f'{node.get_name()}/calls'
         self._subscription = node.create_polled_subscription(String, topic, stream(10))
-        self._said = {word: deque[tuple[int, Said]](maxlen=_CALLS) for word in SERVICES}
+        self._answers, self._logger = answers, node.get_logger()
+        self._said = {word: deque[tuple[int, Said]](maxlen=_CALLS) for word in answers}
         self._taking = threading.Lock()
+        if beside:
+            node.beside('services', self._offer)
+        else:
+            self._offer(node)
+
+    def _offer(self, node: Node) -> None:
+        named: dict[str, dict[str, str]] = {}
+        for word in self._answers:
+            named.setdefault(SERVICES[word].name, {})[SERVICES[word].switch] = word
+        for name, words in named.items():
+            kind = Trigger if '' in words else SetBool
+            node.create_service(kind, name, partial(self._answer, words))
+
+    def _answer(self, words: Mapping[str, str], request: Any, response: Any) -> Any:
+        """Fill in the answer; what fails is the answer too."""
+        word = words['' if '' in words else 'on' if request.data else 'off']
+        try:
+            response.success, response.message = True, self._answers[word](self.take(word))
+        except HuntError as error:
+            response.success, response.message = False, str(error)
+        except Exception as error:  # any other would end the thread, and every service
+            response.success, response.message = False, one_line(error)
+            self._logger.error(f'{word}: {response.message}')
+        return response
 
     def take(self, service: str) -> Said:
         """Return what came last for a word of `SERVICES`, once; nothing if that is long ago."""

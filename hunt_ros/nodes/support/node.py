@@ -26,13 +26,13 @@ from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.support.diagnostics import Diagnostics, Health, steady_clock
 from hunt_ros.nodes.support.ending import CLOSING_S
 from hunt_ros.nodes.support.parameters import parameter_file
-from hunt_ros.nodes.support.qos import latched
-from hunt_ros.nodes.support.worker import Worker, hidden_node, offer
+from hunt_ros.nodes.support.qos import announce
+from hunt_ros.nodes.support.worker import Worker, hidden_node
 from hunt_ros.suite import hold
 
 _FIXED = 'use_sim_time: taken at the start only'
-#: Topic on which each node tells its parameters, for recordings; looked at so often, s.
-PARAMETERS, _LOOK_S = 'parameters', 1.0
+#: Parameters, which each node tells for recordings, are looked at so often, s.
+_LOOK_S = 1.0
 #: A thread beside it looks so often whether it is to end, s.
 _ASKED_S = 0.1
 
@@ -80,7 +80,7 @@ class SuiteNode(Node):
         if sys.platform == 'linux':
             self._hold_name()
         self._told: Mapping[str, Parameter] = {}
-        self._teller = self.create_publisher(String, PARAMETERS, latched())
+        self._teller = announce(self, 'parameters')
         self.create_timer(_LOOK_S, self._tell_parameters, clock=steady_clock())
 
     def _hold_name(self) -> None:
@@ -111,7 +111,7 @@ class SuiteNode(Node):
         return (each for each in super().subscriptions if each not in self._polled)
 
     def create_polled_subscription(
-        self, kind: type, topic: str, *args: Any, **keywords: Any
+        self, kind: Any, topic: str, *args: Any, **keywords: Any
     ) -> Subscription:
         """Subscribe like `create_subscription`, without a callback: see `hearing.waiting`."""
         subscription = self.create_subscription(kind, topic, _never, *args, **keywords)
@@ -146,16 +146,6 @@ class SuiteNode(Node):
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         self.work(what, partial(_serve, executor), 0.0)
-
-    def offer_beside(self, answers: Mapping[str, Callable[[], str]]) -> None:
-        """Offer Trigger services beside the node, see `offer`; they are answered one by one."""
-
-        def offered(node: Node) -> None:
-            """Offer them all."""
-            for name, answer in answers.items():
-                offer(node, name, answer, self)
-
-        self.beside('services', offered)
 
     def begin(self) -> None:
         """Begin what waits for hardware: the node is made, and its parameters are known."""

@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from sensor_msgs.msg import JointState
 
 from hunt_ros.drivers.base import SensorBlock, SensorDriver
 from hunt_ros.drivers.calibration import Calibration
@@ -18,7 +17,7 @@ from hunt_ros.nodes.support.conversions import joint_writer
 from hunt_ros.nodes.support.diagnostics import Health, NewSince
 from hunt_ros.nodes.support.driver_node import DriverNode
 from hunt_ros.nodes.support.parameters import declare
-from hunt_ros.nodes.support.qos import MEASUREMENTS, stream
+from hunt_ros.nodes.support.qos import announce
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 from hunt_ros.suite import Awaited
@@ -42,7 +41,6 @@ class SensorConfig(Settings):
         low=10.0,  # the detector calls a channel silent after 0.3 s
         high=2000.0,
     )
-    frame_id: str = setting('roller_rig', 'frame_id of the messages.')
 
 
 class SensorNode(DriverNode[SensorDriver]):
@@ -62,12 +60,12 @@ class SensorNode(DriverNode[SensorDriver]):
             self._config.driver, 'Sensor', channel, self._config.sample_rate_hz
         )
         self._calibration = given.within(*driver.range)
-        self._written = joint_writer([channel], self._config.frame_id)
+        self._written = joint_writer([channel])
         self._published = self._lost = self._bad = self._saturated = 0
         self._progress = 0, 0  # published, and the last stamp; set by the driver's thread at once
         self._told_ns = 0  # the last stamp of the last report
         self._new = NewSince()
-        self._announced = self.create_publisher(JointState, channel, stream(MEASUREMENTS))
+        self._announced = announce(self, channel)
 
     def _take(self, block: SensorBlock) -> None:
         """Calibrate a block, and publish it."""

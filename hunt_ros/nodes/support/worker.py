@@ -1,5 +1,5 @@
 """
-The threads of a node, of which none ends in silence, and the services that it offers.
+The threads of a node, of which none ends in silence, and the nodes beside it.
 
 An error that nobody expected is logged with its traceback and stands on `/diagnostics` from then
 on: a node whose thread is gone must not look well.
@@ -13,9 +13,6 @@ from collections.abc import Callable
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
-from std_srvs.srv import Trigger
-
-from hunt_ros.errors import HuntError
 
 #: Gets the name of a task and the error that ended it: `Diagnostics.failed`.
 Failed = Callable[[str, Exception], None]
@@ -61,38 +58,6 @@ class Worker:
         except Exception as error:
             if not self.stopping.is_set():  # else: what it used is gone already
                 self._failed(self._name, error)
-
-
-def offer(node: Node, name: str, answer: Callable[[], str], of: Node | None = None) -> None:
-    """
-    Offer a Trigger service.
-
-    Parameters
-    ----------
-    node : Node
-        Which offers it.
-    name : str
-        Relative.
-    answer : callable
-        Does the work and returns the message of the answer; an error is the answer of a service
-        that failed.
-    of : Node, optional
-        Whose log is told of an error that nobody expected.
-    """
-    log = (of or node).get_logger()
-
-    def answered(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Fill in the answer; what fails is the answer too."""
-        try:
-            response.success, response.message = True, answer()
-        except HuntError as error:
-            response.success, response.message = False, str(error)
-        except Exception as error:  # any other would end the thread, and every service
-            response.success, response.message = False, f'{type(error).__name__}: {error}'
-            log.error(f'{name}: {response.message}')
-        return response
-
-    node.create_service(Trigger, name, answered)
 
 
 def hidden_node(name: str, namespace: str = '', context: Context | None = None) -> Node:

@@ -51,7 +51,7 @@ def _rows(first: int, count: int) -> np.ndarray:
 @pytest.mark.parametrize('block', [1, 7, 100])
 def test_a_value_its_rate_and_its_deviation_are_one_message(block) -> None:
     node = _Node()
-    publishers = EstimatePublishers(node, 100.0, 'rig')
+    publishers = EstimatePublishers(node, 100.0)
     publishers.beside |= {'critical_speed': 8.0, 'critical_speed_std': 0.1}
     for first in range(0, 100, block):
         publishers.publish(_rows(first, min(block, 100 - first)))

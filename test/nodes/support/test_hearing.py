@@ -106,7 +106,7 @@ def test_a_node_that_is_started_again_waits_for_no_sensor_beside_one(graph, monk
 
 
 def test_the_words_of_two_that_call_at_once_are_both_taken(graph, listener) -> None:
-    calls = Calls(listener)
+    calls = Calls(listener, {'mark': lambda said: said.words})
     said = graph.node.create_publisher(String, '/listener/calls', stream(10))
     graph.spin_until(said.get_subscription_count)
     for words in ('bump', 'joint'):

@@ -33,9 +33,8 @@ LIVE = {
     'roller_speed': {'emergency_speed_mps', 'profile', 'slow_down_at_end'}
     | _taken(DriveLimits)
     | _taken(InterlockSettings),
-    'rig_simulator': {'kick_m'},
-    # With the next identification.
-    'normal_form_identifier': {'on_close', 'lateral_range_m', 'rig_name'},
+    'rig_simulator': set(),
+    'normal_form_identifier': set(),
     'bag_recorder': {  # with the next recording
         'rig_name', 'operator', 'notes', 'prefix', 'split_s', 'split_mib', 'buffer_mib', 'chunk_s',
         'least_free_mib',
