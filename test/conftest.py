@@ -26,7 +26,8 @@ from pathlib import Path
 import hypothesis
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))  # for what tests of several rooms share
+# For what tests of several rooms share, and for the benchmarks, which are tested too.
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent / 'benchmark')]
 # Before numpy is imported: the matrices here are small, and threads that wait for each other
 # cost more than they compute where the cores have other work too.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')

@@ -23,7 +23,14 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.profile import Corners, Hold, Profile
-from hunt_ros.dynamics.simulation import Kick, Roughness, SensorModel, SimulationSettings, simulate
+from hunt_ros.dynamics.simulation import (
+    DriveModel,
+    Kick,
+    Roughness,
+    SensorModel,
+    SimulationSettings,
+    simulate,
+)
 from hunt_ros.samples import Record, Series
 
 SECOND = 1_000_000_000
@@ -130,6 +137,17 @@ def rig_settings(
         yaw_sensor=SensorModel(noise=2e-5),
         **more,  # type: ignore[arg-type]
     )
+
+
+#: The rig with all that the simulator has: noise, steps of a sensor, a drive that is not exact.
+BUSY = SimulationSettings(
+    initial_speed=7.0,
+    roughness=Roughness((40e-6, 10e-6), (3e-6,)),
+    broadband=1e-5,
+    lateral_sensor=SensorModel(5e-6, 1e-6),
+    yaw_sensor=SensorModel(2e-5),
+    drive=DriveModel(speed_noise=1e-3, speed_gain=1.002),
+)
 
 
 def up_and_down(speeds: Sequence[float], hold_s: float) -> Profile:

@@ -1,4 +1,4 @@
-"""An identification of a known rig, and what a page may hold: for the tests of the report."""
+"""Identifications of a known rig, and what a page may hold."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from html.parser import HTMLParser
 from typing import Any
 
 import numpy as np
+from made import LAW
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds, SteadyState
+from hunt_ros.dynamics.growth_law import TERMS, lawful
 from hunt_ros.dynamics.identified import PARAMETERS, IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM, NormalForm
 from hunt_ros.identification.four_point import FourPoint
-from hunt_ros.identification.posterior import BranchPoint
+from hunt_ros.identification.posterior import BranchPoint, Posterior
 from hunt_ros.identification.result import FitSummary, Identification
 from hunt_ros.identification.verdict.reasons import unknown_of
 from hunt_ros.samples import Uncertain
@@ -75,6 +77,26 @@ def identification_of(form: NormalForm = PAPER_NORMAL_FORM, **more: Any) -> Iden
     )
     found = replace(found, **more)
     return replace(found, unknown=unknown_of(found.to_json(), {}) | dict(more.get('unknown', {})))
+
+
+def identification_of_the_paper(seed: int = 1) -> Identification:
+    """Return what draws know of the paper's form: v_n to 0.03 m/s and v_c to 0.1 m/s, no fit."""
+    rng = np.random.default_rng(seed)
+    vague = lawful([0.03, 0.03, 0.1, 0.02, 0.05, 0.02], felt=0.0)
+    p = LAW.p + np.abs(LAW.p) * vague * rng.standard_normal((400, TERMS))
+    intensity = 5e-12 * np.exp(0.2 * rng.standard_normal(400))
+    posterior = Posterior(LAW, p, intensity, (6.0, 8.8))
+    drawn = posterior.numbers(0.0)
+    return identification_of(
+        normal_form=posterior.identified(0.0),
+        posterior=posterior,
+        branches=posterior.branch_points(),
+        speeds=posterior.speeds,
+        steady_states=(),
+        disturbance=None,
+        four_point=None,
+        **{name: drawn[name] for name in ('v_c', 'v_n', 'hysteresis_width')},
+    )
 
 
 VOID = {'meta', 'link', 'br', 'wbr', 'img', 'hr', 'input'}

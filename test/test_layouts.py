@@ -24,7 +24,6 @@ from rosbags.typesys import Stores, get_typestore
 
 ROOT = Path(__file__).parents[1]
 CONFIG = ROOT / 'config'
-BAGS = ('kick_escapes', 'hysteresis_loop', 'supercritical')
 STORE = get_typestore(Stores.ROS2_JAZZY)
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 FIELDS = ('position', 'velocity', 'effort')

@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from made import rig_settings
+from made import BUSY, rig_settings
 
 from hunt_ros.criteria import CRITERIA, make_criterion
 from hunt_ros.detection import CompanionConfig, Companions, DetectorConfig, HuntingDetector
@@ -30,11 +30,7 @@ from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.dynamics.parameters import paper_rig
 from hunt_ros.dynamics.simulation import (
-    DriveModel,
     RollerRig,
-    Roughness,
-    SensorModel,
-    SimulationSettings,
 )
 from hunt_ros.errors import ConfigError, HuntError
 from hunt_ros.estimation.hilbert import HilbertEnvelope
@@ -151,15 +147,7 @@ def _bad_envelope_input(make: Callable[[], Any]) -> None:
 
 
 def _make_rig() -> Any:
-    settings_ = SimulationSettings(
-        initial_speed=7.0,
-        roughness=Roughness((40e-6, 10e-6), (3e-6,)),
-        broadband=1e-5,
-        lateral_sensor=SensorModel(5e-6, 1e-6),
-        yaw_sensor=SensorModel(2e-5),
-        drive=DriveModel(speed_noise=1e-3, speed_gain=1.002),
-    )
-    return RollerRig(paper_rig(), settings_, seed=3)
+    return RollerRig(paper_rig(), BUSY, seed=3)
 
 
 def _feed_rig(rig: Any, targets: np.ndarray, begin: int, end: int) -> Outputs:

@@ -49,29 +49,3 @@ def test_points_that_bend_are_named(folder, capsys) -> None:
     points = ','.join(f'{x}={x + 0.05 * x * x}' for x in range(8))
     assert main(['calibrate', 'lateral.yaml', '--unit', 'mm', '--points', points]) == 1
     assert 'the points bend' in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'words'),
-    [
-        (['a.yaml', '--points', '1=1'], '1 points: expected two'),
-        (['a.yaml', '--points', '1=1,1=2'], 'two different readings'),
-        (['a.yaml', '--points', '1=2,2=2'], 'two different readings and displacements'),
-        (['a.yaml', '--points', '1=1,2'], 'expected READING=KNOWN, got 2'),
-        (['a.yaml', '--points', '1=1,2=much'], 'to 1e+12, got much'),
-        (['a.yaml', '--points', '1=1,2=2', '--unit', 'furlong'], '--unit furlong: expected one'),
-        (
-            ['a.yaml', '--points', '1=1,2=2', '--range', '3,2'],
-            'range: (3.0, 2.0), expected a lower',
-        ),
-        (['old.yaml', '--points', '1=1,2=2'], 'old.yaml: is there already'),
-        (['a.yaml'], '--points'),
-    ],
-)
-def test_bad_input_is_one_line_and_nothing_is_written(folder, capsys, arguments, words) -> None:
-    Path('old.yaml').write_text('calibration: {}')
-    assert main(['calibrate', *arguments]) == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert words in line
-    assert [path.name for path in folder.iterdir()] == ['old.yaml']
-    assert Path('old.yaml').read_text() == 'calibration: {}'

@@ -3,7 +3,6 @@ from __future__ import annotations
 import json
 import re
 
-import numpy as np
 import pytest
 from made import FLUTTER, sweep_bag
 
@@ -47,19 +46,12 @@ def test_a_disk_that_refuses_leaves_no_form_without_its_identification(
     assert not [*tmp_path.iterdir()]
 
 
-def test_json_alone_stands_on_standard_output(bag, capsys):
-    priors = ['--set', 'prior_v_c=[8.0,0.05]', '--set', 'prior_D1=[0.12,0.012]']
-    main(['identify', str(bag), '--json', '-', *priors])
-    document = json.loads(capsys.readouterr().out)
-    assert np.isclose(document['v_c']['value'], 8.0, atol=0.15)
-
-
 @pytest.mark.skipif(not FLUTTER.is_dir(), reason='the flutter recordings are not on this machine')
 def test_three_days_of_the_flutter_rig_are_bracketed(tmp_path, capsys):
     chosen = [
         path
         for path in sorted(FLUTTER.glob('*.mat'))
-        if re.search(r'_V(198|20[67]|24[12]|250|25[589])_', path.name)
+        if re.search(r'_V(198|250|25[589])_', path.name)
     ]
     bags = []
     for path in chosen:

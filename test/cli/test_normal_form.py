@@ -58,22 +58,3 @@ def test_a_person_gets_a_table_and_a_picture(
     assert 'fold of the full model: v_n = 6.433 m/s' in printed
     assert 'e+' not in printed
     assert picture.read_bytes().startswith(b'\x89PNG')
-
-
-@pytest.mark.parametrize(
-    ('text', 'message'),
-    [
-        ('mass_kg: -1', 'mass_kg must be positive, got -1'),
-        ('tread_angle: 0.0001', 'no Hopf point'),
-        ("beta: {'30': .nan}", 'beta 30 must be finite, got nan'),
-    ],
-)
-def test_bad_input_is_one_line_and_code_2(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, message: str
-) -> None:
-    path = tmp_path / 'rig.yaml'
-    path.write_text(text, encoding='utf-8')
-    assert main(['normal-form', str(path)]) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count('\n') == 1

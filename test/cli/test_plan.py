@@ -6,25 +6,22 @@ import json
 import re
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
-from runpy import run_path
 
 import numpy as np
 import pytest
 from made import record_of
+from report_made import identification_of_the_paper
 
 from hunt_ros.bag import write_record
 from hunt_ros.cli.main import main
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.profile import Profile
 
-MAKERS = run_path(str(Path(__file__).parents[1] / 'identification' / 'conftest.py'))
-
 
 @pytest.fixture(scope='module')
 def form(tmp_path_factory):
     """A parameter file, and the identification beside it."""
-    known = MAKERS['identification_of_the_paper']()
+    known = identification_of_the_paper()
     path = tmp_path_factory.mktemp('known') / 'form.yaml'
     path.write_text(known.normal_form.to_yaml())
     known.save(path.with_suffix('.npz'))

@@ -8,7 +8,6 @@ from hunt_ros.criteria.acceleration import LateralAcceleration
 from hunt_ros.errors import ConfigError
 
 RATE = 500.0
-STEP = 2_000_000
 #: So fast that the window of 100 m takes 2.5 s.
 SPEED = 40.0
 

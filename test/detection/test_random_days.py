@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / 'benchmark'))
 from bench_day import Marks, days_of, lived, truth
 from day_rigs import KINDS, random_day
 

@@ -69,12 +69,6 @@ def test_the_deviations_are_those_of_repeated_calibrations() -> None:
     assert abs(inside / 1000 - 0.95) < 4.0 * math.sqrt(0.95 * 0.05 / 1000)
 
 
-def test_two_points_have_no_deviation() -> None:
-    fit = fit_line([(0.0, 0.0), (1.0, 2.0)])
-    assert (fit.gain.value, fit.offset.value) == (2.0, 0.0)
-    assert math.isnan(fit.gain.std)
-
-
 def test_a_point_that_is_no_number_is_refused() -> None:
     with pytest.raises(ConfigError, match='a number is not finite'):
         fit_line([(0.0, math.nan), (1.0, 1.0)])

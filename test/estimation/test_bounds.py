@@ -1,3 +1,5 @@
+"""What no estimator can do better: the bounds that the benchmark compares with."""
+
 from __future__ import annotations
 
 import math

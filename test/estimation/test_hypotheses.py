@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from signals_made import hunting_signal
 
 from hunt_ros.estimation.kalman import HuntingTracker
 
@@ -21,9 +22,7 @@ def tracked(signal, sensors):
 @pytest.mark.parametrize('size', [20.0, 400.0], ids='{} times the noise'.format)
 @pytest.mark.parametrize('sensors', [(0,), (0, 1)], ids=['lateral', 'both'])
 @pytest.mark.parametrize('rate', [100.0, 1000.0], ids='{} Hz'.format)
-def test_a_kick_is_followed_and_a_step_of_the_level_is_not(
-    hunting_signal, size, sensors, rate
-) -> None:
+def test_a_kick_is_followed_and_a_step_of_the_level_is_not(size, sensors, rate) -> None:
     followed, stays = [], []
     for seed in range(SEEDS):
         quiet = {**QUIET, 'duration': 7.5, 'rate': rate}
@@ -43,7 +42,7 @@ def test_a_kick_is_followed_and_a_step_of_the_level_is_not(
     assert np.mean(np.array(stays) < 0.2) >= 0.9
 
 
-def test_while_it_is_open_what_has_happened_the_deviation_says_so(hunting_signal) -> None:
+def test_while_it_is_open_what_has_happened_the_deviation_says_so() -> None:
     """The first sample after a kick may be a wrong one: the deviation grows with it already."""
     grown, back = [], []
     for seed in range(SEEDS):
@@ -58,7 +57,7 @@ def test_while_it_is_open_what_has_happened_the_deviation_says_so(hunting_signal
     assert np.median(back) < 1.2
 
 
-def test_a_sensor_that_starts_disturbs_no_other(hunting_signal) -> None:
+def test_a_sensor_that_starts_disturbs_no_other() -> None:
     for seed in range(SEEDS // 4):
         kick = {'kick_at': AT_S, 'kick': 400.0 * NOISE, 'second': 400.0 * NOISE}
         signal = hunting_signal(seed, duration=6.1, rate=200.0, **kick, **QUIET)
@@ -69,7 +68,7 @@ def test_a_sensor_that_starts_disturbs_no_other(hunting_signal) -> None:
             np.testing.assert_allclose(rows[name], alone[name], rtol=1e-9)
 
 
-def test_a_short_gap_and_two_absurd_samples_start_no_sensor_anew(hunting_signal) -> None:
+def test_a_short_gap_and_two_absurd_samples_start_no_sensor_anew() -> None:
     for gap_s in (0.03, 0.1, 0.5):
         signal = hunting_signal(0, duration=8.0, rate=200.0, noise=NOISE, roughness=0.0)
         seconds = signal.stamps * 1e-9
@@ -80,7 +79,7 @@ def test_a_short_gap_and_two_absurd_samples_start_no_sensor_anew(hunting_signal)
         assert np.isfinite(rows['lateral_amplitude'][100:]).all()
 
 
-def test_kicks_that_come_each_half_second_are_followed(hunting_signal) -> None:
+def test_kicks_that_come_each_half_second_are_followed() -> None:
     """Each is a kick, and no noise: what comes again is no reason to believe the sensors less."""
     sure = []
     for seed in range(SEEDS // 2):

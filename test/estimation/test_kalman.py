@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from signals_made import hunting_signal
 
 from hunt_ros.errors import HuntError
 from hunt_ros.estimation.kalman import HuntingTracker
 from hunt_ros.estimation.tracker_config import Shaft, TrackerConfig
 
-BOTH, LATERAL, YAW = (0, 1), (0,), (1,)
+BOTH, LATERAL = (0, 1), (0,)
 
 
 def relative_error(rows, phasor):
@@ -20,9 +21,7 @@ def relative_error(rows, phasor):
 
 @pytest.mark.parametrize('sensors', [BOTH, LATERAL])
 @pytest.mark.parametrize('frequency', [2.27, 2.84, 3.41])
-def test_steady_amplitude_is_unbiased_with_the_frequency_20_percent_off(
-    hunting_signal, frequency, sensors
-):
+def test_steady_amplitude_is_unbiased_with_the_frequency_20_percent_off(frequency, sensors):
     means = []
     for seed in range(4):
         signal = hunting_signal(seed, frequency=frequency)
@@ -34,16 +33,8 @@ def test_steady_amplitude_is_unbiased_with_the_frequency_20_percent_off(
     assert abs(np.mean(means)) < 0.004
 
 
-def test_yaw_alone_gives_the_yaw_amplitude(hunting_signal):
-    signal = hunting_signal(1)
-    rows, phasor = signal.track(HuntingTracker(), YAW)
-    assert np.isnan(rows['lateral_amplitude']).all()
-    error = rows['yaw_amplitude'] / np.abs(signal.ratio * phasor) - 1.0
-    assert np.abs(error[400:]).max() < 0.04
-
-
 @pytest.mark.parametrize('ratio', [4.6 * np.exp(2.6j), 0.7j, -300.0 + 40.0j])
-def test_the_shape_of_the_mode_is_learnt_on_any_rig(hunting_signal, ratio):
+def test_the_shape_of_the_mode_is_learnt_on_any_rig(ratio):
     scale = abs(ratio) / 4.6
     signal = hunting_signal(2, ratio=ratio)
     signal.yaw = (ratio * signal.phasor).real + 1e-4 * scale * np.random.default_rng(0).normal(
@@ -55,7 +46,7 @@ def test_the_shape_of_the_mode_is_learnt_on_any_rig(hunting_signal, ratio):
     assert abs(learnt - ratio) < 0.05 * abs(ratio)
 
 
-def test_units_do_not_matter(hunting_signal):
+def test_units_do_not_matter():
     signal = hunting_signal(3, kick_at=5.0, kick=2e-4, second=2e-4)
     rows, _ = signal.track(HuntingTracker())
     signal.lateral = signal.lateral * 2.0**13  # e.g. volts; a power of two is exact
@@ -70,9 +61,7 @@ def test_units_do_not_matter(hunting_signal):
     ('sensors', 'noise', 'window'),
     [(BOTH, 5e-6, 0.24), (LATERAL, 5e-6, 0.285), (BOTH, 2e-5, 0.33), (LATERAL, 2e-5, 0.375)],
 )
-def test_soon_after_a_kick_the_amplitude_is_known_to_5_percent(
-    hunting_signal, sensors, noise, window
-):
+def test_soon_after_a_kick_the_amplitude_is_known_to_5_percent(sensors, noise, window):
     errors = []
     for seed in range(12):
         signal = hunting_signal(
@@ -86,7 +75,7 @@ def test_soon_after_a_kick_the_amplitude_is_known_to_5_percent(
 
 
 @pytest.mark.parametrize('forcing', [0.0, 2e-11])
-def test_standard_deviations_are_honest(hunting_signal, forcing):
+def test_standard_deviations_are_honest(forcing):
     amplitude, growth, frequency = [], [], []
     for seed in range(16):
         signal = hunting_signal(
@@ -112,7 +101,7 @@ def test_standard_deviations_are_honest(hunting_signal, forcing):
         assert np.mean(np.abs(z) > 3.0) < 0.05, name
 
 
-def test_a_roughness_line_leaves_no_trace_in_the_amplitude(hunting_signal):
+def test_a_roughness_line_leaves_no_trace_in_the_amplitude():
     signal = hunting_signal(0, amplitude=0.0, roughness=1.22e-4, noise=5e-6)
     rows, _ = signal.track(HuntingTracker())
     late = rows[400:]
@@ -122,7 +111,7 @@ def test_a_roughness_line_leaves_no_trace_in_the_amplitude(hunting_signal):
     assert np.std(late['lateral_clean']) < 5e-6
 
 
-def test_a_quickly_decaying_mode_is_not_taken_for_hunting(hunting_signal):
+def test_a_quickly_decaying_mode_is_not_taken_for_hunting():
     for seed in range(6):
         signal = hunting_signal(
             seed, duration=6.0, amplitude=1e-5, kick_at=5.0, second=3e-4, noise=5e-6
@@ -137,9 +126,7 @@ def test_a_quickly_decaying_mode_is_not_taken_for_hunting(hunting_signal):
 
 @settings(max_examples=8, deadline=None)
 @given(seed=st.integers(0, 1000), lost=st.floats(0.0, 0.3), low=st.floats(100.0, 2000.0))
-def test_missing_samples_irregular_stamps_and_a_change_of_rate_cost_little(
-    hunting_signal, seed, lost, low
-):
+def test_missing_samples_irregular_stamps_and_a_change_of_rate_cost_little(seed, lost, low):
     rng = np.random.default_rng(seed)
     steps = np.concatenate(
         [
@@ -157,7 +144,7 @@ def test_missing_samples_irregular_stamps_and_a_change_of_rate_cost_little(
     assert np.abs(error).max() < 0.06
 
 
-def test_a_sensor_may_die_and_come_back(hunting_signal):
+def test_a_sensor_may_die_and_come_back():
     signal = hunting_signal(4, duration=12.0, noise=5e-6)
     dead = slice(4000, 8000)
     signal.lateral[dead] = np.nan
@@ -168,7 +155,7 @@ def test_a_sensor_may_die_and_come_back(hunting_signal):
     assert error[850:].max() < 0.03
 
 
-def test_a_stuck_sensor_is_not_measuring(hunting_signal):
+def test_a_stuck_sensor_is_not_measuring():
     signal = hunting_signal(6, noise=5e-6)
     signal.lateral[5000:] = signal.lateral[5000]
     rows, phasor = signal.track(HuntingTracker())
@@ -191,7 +178,7 @@ def test_a_stuck_or_absent_sensor_alone_gives_nothing():
 
 
 @pytest.mark.parametrize('growth', [0.5, -0.3, 0.2])
-def test_sign_of_growth_is_known_near_the_bound_when_the_speed_changes(hunting_signal, growth):
+def test_sign_of_growth_is_known_near_the_bound_when_the_speed_changes(growth):
     times = []
     for seed in range(9):
         signal = hunting_signal(seed, duration=9.0, kick_at=7.0, growth=growth)
@@ -207,7 +194,7 @@ def test_sign_of_growth_is_known_near_the_bound_when_the_speed_changes(hunting_s
     assert np.median(times) < 1.5 * bound + 0.01
 
 
-def test_rate_of_the_amplitude_is_growth_times_amplitude(hunting_signal):
+def test_rate_of_the_amplitude_is_growth_times_amplitude():
     rows, phasor = hunting_signal(0, growth=0.25, noise=5e-6).track(HuntingTracker())
     late = rows[500:]
     truth = 0.25 * np.abs(phasor)[500:]
@@ -221,9 +208,7 @@ def test_rate_of_the_amplitude_is_growth_times_amplitude(hunting_signal):
         (([1], [0], [1.0], [0.0], [1.0], [5, 5]), 'must increase'),
     ],
 )
-def test_a_block_that_makes_no_sense_is_refused_and_nothing_is_taken_in(
-    hunting_signal, block, message
-):
+def test_a_block_that_makes_no_sense_is_refused_and_nothing_is_taken_in(block, message):
     tracker, fresh = HuntingTracker(), HuntingTracker()
     with pytest.raises(HuntError, match=message):
         tracker.update(*block)
@@ -232,7 +217,7 @@ def test_a_block_that_makes_no_sense_is_refused_and_nothing_is_taken_in(
 
 
 @pytest.mark.parametrize('size', [1e-3, 1.0, 1e30])
-def test_a_burst_of_nonsense_is_got_over_and_the_other_sensor_goes_on(hunting_signal, size):
+def test_a_burst_of_nonsense_is_got_over_and_the_other_sensor_goes_on(size):
     signal = hunting_signal(9, duration=15.0, noise=5e-6)
     burst = slice(6000, 7000)
     signal.lateral[burst] += size * np.random.default_rng(0).normal(size=1000)
@@ -243,7 +228,7 @@ def test_a_burst_of_nonsense_is_got_over_and_the_other_sensor_goes_on(hunting_si
         assert yaw[400:].max() < 0.05
 
 
-def test_speed_and_angle_that_are_no_numbers_do_no_harm(hunting_signal):
+def test_speed_and_angle_that_are_no_numbers_do_no_harm():
     signal = hunting_signal(10, duration=12.0, noise=5e-6, roughness=1e-5)
     for at, value in ((5000, np.nan), (5500, np.inf), (6000, 0.0), (6500, -7.0), (7000, 1e300)):
         signal.speed[at : at + 500] = value
@@ -262,7 +247,7 @@ TRUE = [complex(-decay, 2.0 * np.pi * hz) for hz, decay in [(3.3, 5.0), (2.2, 9.
 KICK_S = 4.0
 
 
-def scores(hunting_signal, sensors, since):
+def scores(sensors, since):
     """Error over std of the amplitude at times since a kick, over modes and seeds; clipped."""
     found = []
     for pole in TRUE:
@@ -286,13 +271,13 @@ def scores(hunting_signal, sensors, since):
 
 
 @pytest.mark.parametrize(('sensors', 'most'), [((0,), 3.0), ((0, 1), 2.0)], ids=['y', 'both'])
-def test_the_amplitude_after_a_kick_is_as_sure_as_it_says(hunting_signal, sensors, most):
+def test_the_amplitude_after_a_kick_is_as_sure_as_it_says(sensors, most):
     """Of 40 seeds each it is 2.1 with one sensor, at 0.15 s, and 1.0 with both."""
     since = (0.15, 0.2, 0.3, 0.4)
-    assert scores(hunting_signal, sensors, since).max() < most
+    assert scores(sensors, since).max() < most
 
 
-def test_the_doubt_dies_with_the_second_mode(hunting_signal):
+def test_the_doubt_dies_with_the_second_mode():
     signal = hunting_signal(0, 7.0, 500.0, amplitude=2e-4, kick_at=KICK_S, kick=1e-4, noise=5e-6)
     rows, _ = signal.track(HuntingTracker())
     std = rows['lateral_amplitude_std']

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from signals_made import hunting_signal
 
 from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.estimation.kalman import HuntingTracker
@@ -24,7 +25,7 @@ def known(ratio: complex = RATIO) -> HuntingTracker:
 
 
 @pytest.mark.parametrize('dead_from', [0.0, 2.0, 6.0])
-def test_yaw_alone_tells_the_lateral_amplitude_through_a_known_shape(hunting_signal, dead_from):
+def test_yaw_alone_tells_the_lateral_amplitude_through_a_known_shape(dead_from):
     for seed in range(3):
         signal = hunting_signal(seed, duration=14.0, kick_at=8.0, kick=3e-4, noise=5e-6)
         signal.lateral[signal.stamps * 1e-9 > dead_from] = np.nan
@@ -38,7 +39,7 @@ def test_yaw_alone_tells_the_lateral_amplitude_through_a_known_shape(hunting_sig
         assert relative.max() < 0.06
 
 
-def test_the_error_of_a_ratio_learnt_on_noise_is_within_what_is_claimed(hunting_signal):
+def test_the_error_of_a_ratio_learnt_on_noise_is_within_what_is_claimed():
     """Learnt on a small motion made by noise, used on a large one after a kick."""
     scores = []
     for seed in range(12):
@@ -61,7 +62,7 @@ def test_the_error_of_a_ratio_learnt_on_noise_is_within_what_is_claimed(hunting_
     assert np.abs(scores).max() < 3.5
 
 
-def test_a_ratio_learnt_in_this_run_carries_on_with_more_doubt_elsewhere(hunting_signal):
+def test_a_ratio_learnt_in_this_run_carries_on_with_more_doubt_elsewhere():
     signal = hunting_signal(3, duration=16.0, kick_at=9.0, kick=4e-4, noise=5e-6)
     signal.lateral[signal.stamps > 7_000_000_000] = np.nan
     signal.speed[signal.stamps > 12_000_000_000] *= 1.3
@@ -75,7 +76,7 @@ def test_a_ratio_learnt_in_this_run_carries_on_with_more_doubt_elsewhere(hunting
     assert error[elsewhere].max() < 0.1
 
 
-def test_a_shape_may_come_while_the_tracker_runs_and_go_again(hunting_signal):
+def test_a_shape_may_come_while_the_tracker_runs_and_go_again():
     signal = hunting_signal(4, duration=9.0, noise=5e-6)
     tracker, third, found = HuntingTracker(), 3_000_000_000, []
     for begin, shape in ((0, None), (third, modes()), (2 * third, None)):
@@ -96,10 +97,23 @@ def test_a_shape_may_come_while_the_tracker_runs_and_go_again(hunting_signal):
     assert np.abs(amplitude[610:] / 2e-4 - 1.0).max() < 0.05  # what was known is kept
 
 
-def test_a_shape_of_other_sensors_is_found_out(hunting_signal):
+def test_a_shape_of_other_sensors_is_found_out():
     """The yaw sensor is scaled by 1.3 against the one the shape was measured with."""
     signal = hunting_signal(5, duration=30.0, noise=5e-6)
     signal.lateral[signal.stamps > 20_000_000_000] = np.nan
     rows, _ = signal.track(known(RATIO / 1.3))
     assert np.abs(rows['lateral_amplitude'][500:1900] / 2e-4 - 1.0).max() < 0.03
     assert np.abs(rows['lateral_amplitude'][2200:] / 2e-4 - 1.0).max() < 0.06
+
+
+def test_modes_are_interpolated_over_speed_and_held_at_the_ends():
+    none, ratio = np.zeros(1), np.array([[4.0], [4.0j]])
+    shape = ModeShape(np.array([6.0, 8.0]), none, np.array([2.0, 3.0]), ratio, np.zeros((2, 1)))
+    signal = hunting_signal(0, duration=1.0, amplitude=0.0, roughness=0.0)
+    for speed, frequency in ((5.0, 2.0), (7.0, 2.5), (9.0, 3.0)):
+        signal.speed = np.full(signal.stamps.size, speed)
+        tracker = HuntingTracker()
+        tracker.set_modes(shape)
+        rows, _ = signal.track(tracker, sensors=(0,))
+        # With nothing to learn from, the frequency is the nominal one of that speed.
+        assert rows['frequency_hz'][16] == pytest.approx(frequency)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
+from signals_made import hunting_signal
 
 from hunt_ros.dynamics.mode_shape import ModeShape
 from hunt_ros.estimation.kalman import HuntingTracker, TrackerConfig
@@ -14,7 +15,7 @@ from hunt_ros.sensors import SENSORS
 
 
 @pytest.fixture(scope='module')
-def running(hunting_signal):
+def running():
     """Return two copies of a filter that has followed three sensors, a wheel with slip too."""
     shafts = (Shaft((1.0,)), Shaft((4.42,), 0.005))
     tracker = HuntingTracker(TrackerConfig(sensors=SENSORS, shafts=shafts))
@@ -93,7 +94,7 @@ def test_a_correction_is_that_of_the_textbook(running, k):
     assert_same_covariance(copy, kf.P)
 
 
-def test_covariance_stays_symmetric_and_positive(hunting_signal):
+def test_covariance_stays_symmetric_and_positive():
     signal = hunting_signal(2, duration=20.0, rate=500, kick_at=8.0, kick=5e-3, noise=1e-6)
     signal.lateral[5000:5400] += 1.0  # an absurd step, and back
     tracker = HuntingTracker()
@@ -105,7 +106,7 @@ def test_covariance_stays_symmetric_and_positive(hunting_signal):
     assert np.linalg.eigvalsh(P / np.outer(scale, scale)).min() > -1e-9
 
 
-def test_the_mean_of_a_bin_is_as_good_as_its_samples(hunting_signal):
+def test_the_mean_of_a_bin_is_as_good_as_its_samples():
     errors = {0.0: [], 0.005: []}
     for seed in range(3):
         signal = hunting_signal(seed, duration=6.0, kick_at=4.0, kick=1e-4, frequency=5.5)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from signals_made import hunting_signal
 
 from hunt_ros.estimation.kalman import HuntingTracker, TrackerConfig
 from hunt_ros.sensors import SENSORS as TABLE
@@ -33,7 +34,7 @@ def rms(values):
 
 
 @pytest.fixture(scope='module')
-def signals(hunting_signal):
+def signals():
     return [hunting_signal(seed, duration=9.0, rate=500) for seed in range(SEEDS)]
 
 
@@ -52,7 +53,7 @@ def test_an_acceleration_alone_gives_the_lateral_amplitude(signals, sensors):
     assert rms(frequency - 2.84) < 0.03
 
 
-def test_a_wrong_scale_is_learnt_and_is_not_taken_for_another_frequency(hunting_signal):
+def test_a_wrong_scale_is_learnt_and_is_not_taken_for_another_frequency():
     wrong = [
         hunting_signal(seed, duration=9.0, rate=500, acceleration_scale=1.05)
         for seed in range(SEEDS)
@@ -68,7 +69,7 @@ def test_a_wrong_scale_is_learnt_and_is_not_taken_for_another_frequency(hunting_
     assert rms(error) < 0.03
 
 
-def test_on_a_rig_of_another_frequency_it_is_the_same_filter(hunting_signal):
+def test_on_a_rig_of_another_frequency_it_is_the_same_filter():
     """Half the frequency: the same samples in twice the time, accelerations a quarter."""
     fast = hunting_signal(1, duration=6.0, rate=500, acceleration_noise=8e-3)
     slow = replace(fast, stamps=2 * fast.stamps, acceleration=0.25 * fast.acceleration)

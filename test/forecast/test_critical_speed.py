@@ -101,17 +101,6 @@ def test_one_speed_tells_nothing_of_how_damping_goes_with_speed(climb):
     assert found.stamp_ns > 0
 
 
-def test_hunting_says_nothing_of_the_quiet_response(climb):
-    stamps, lateral, speed, angle = (column[: round(62 * RATE)] for column in climb)
-    hunts = stamps > 32e9
-    violent = lateral + 0.6e-3 * np.sin(2 * np.pi * 2.8 * stamps * 1e-9) * hunts
-    forecast, plain = CriticalSpeedForecast(), CriticalSpeedForecast()
-    forecast.update(stamps, violent, speed, angle, quiet=~hunts)
-    plain.update(*(column[~hunts] for column in (stamps, lateral, speed, angle)))
-    assert forecast.finish().levels == plain.finish().levels == 1
-    assert (forecast.levels[0].periodogram == plain.levels[0].periodogram).all()
-
-
 def test_a_stuck_sensor_gives_no_level():
     stamps = np.arange(20_000) * 5_000_000
     forecast = CriticalSpeedForecast()

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / 'benchmark'))
 from gauntlet_judge import Deed, Witness, judge
 
 V_N, CYCLE = 6.27, 0.93e-3

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made import BUSY
 from scipy.integrate import solve_ivp
 
 from hunt_ros.dynamics.linear_stability import critical_speed, quiet_covariance
@@ -23,15 +24,6 @@ from hunt_ros.dynamics.simulation import (
 )
 from hunt_ros.dynamics.wheelset import Wheelset
 from hunt_ros.errors import ConfigError
-
-BUSY = SimulationSettings(
-    initial_speed=7.0,
-    roughness=Roughness((40e-6, 10e-6), (3e-6,)),
-    broadband=1e-5,
-    lateral_sensor=SensorModel(5e-6, 1e-6),
-    yaw_sensor=SensorModel(2e-5),
-    drive=DriveModel(speed_noise=1e-3, speed_gain=1.002),
-)
 
 
 def test_a_record_is_the_stream_with_its_kicks_and_profile(
