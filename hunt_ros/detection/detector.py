@@ -8,6 +8,7 @@ changed. It has no clock, no logger and no file.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, fields, replace
 
 import numpy as np
@@ -101,7 +102,12 @@ class HuntingDetector:
         HuntError
             For a channel the detector has not been told of, or unequal lengths.
         """
-        self._door.push(channel, stamps_ns, values)
+        return self.feed({channel: (stamps_ns, values)})
+
+    def feed(self, samples: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> Output:
+        """Take stamps and values of several channels at once, see `update`."""
+        for channel, (stamps_ns, values) in samples.items():
+            self._door.push(channel, stamps_ns, values)
         return self._advance()
 
     def tick(self, now_ns: int) -> Output:
