@@ -82,6 +82,11 @@ class Companions:
     live : bool
         Forecast as the run goes; False: only when asked to `finish`.
 
+    Attributes
+    ----------
+    idle : bool
+        There is nothing to do.
+
     Raises
     ------
     ConfigError
@@ -101,27 +106,20 @@ class Companions:
         channel = 'lateral' if 'lateral' in channels else 'yaw'
         if names and channel != 'lateral':
             raise ConfigError(f'criteria: {names} need the lateral channel, got {channels}')
-        self._criteria = (
-            CriteriaPanel(names, _CRITERIA_HZ, config.criteria_scale) if names else None
-        )
+        self._criteria = CriteriaPanel(names, _CRITERIA_HZ, config.criteria_scale)
         self._forecast: CriticalSpeedForecast | None = None
-        if config.forecast == 'off':
-            return
-        tuned = with_frequency(detector)
-        self._forecast = CriticalSpeedForecast(
-            (rig or paper_rig()) if config.forecast == 'wheelset' else None,
-            tuned.hunting_frequency_hz,
-            tuned.followed_hz,
-            roller_diameter(detector),
-            channel,
-            shafts(detector),
-            live,
-        )
-
-    @property
-    def idle(self) -> bool:
-        """True where there is nothing to do."""
-        return self._criteria is None and self._forecast is None
+        if config.forecast != 'off':
+            tuned = with_frequency(detector)
+            self._forecast = CriticalSpeedForecast(
+                (rig or paper_rig()) if config.forecast == 'wheelset' else None,
+                tuned.hunting_frequency_hz,
+                tuned.followed_hz,
+                roller_diameter(detector),
+                channel,
+                shafts(detector),
+                live,
+            )
+        self.idle = not names and self._forecast is None
 
     @property
     def forecast(self) -> Forecast | None:
@@ -130,9 +128,9 @@ class Companions:
 
     def reset(self) -> None:
         """Forget everything: as new."""
-        for part in (self._criteria, self._forecast):
-            if part is not None:
-                part.reset()
+        self._criteria.reset()
+        if self._forecast is not None:
+            self._forecast.reset()
 
     def update(self, motion: NDArray[np.void]) -> tuple[Verdict, ...]:
         """
@@ -146,7 +144,7 @@ class Companions:
         samples = motion['stamps_ns'], motion['values'], motion['speed']
         if self._forecast is not None:
             self._forecast.update(*samples, motion['roller_angle'], motion['quiet'])
-        return () if self._criteria is None else self._criteria.update(*samples)
+        return self._criteria.update(*samples)
 
     def finish(self) -> Forecast | None:
         """Forecast from all that was fed; None where none is made."""

@@ -8,15 +8,17 @@ changed. It has no clock, no logger and no file.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, fields, replace
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from hunt_ros.detection.acceptance import form_event
 from hunt_ros.detection.configuration import DetectorConfig
-from hunt_ros.detection.door import Door, Stretch
+from hunt_ros.detection.door import Block, Door
 from hunt_ros.detection.journal import JournalEntry
-from hunt_ros.detection.output import EMPTY, Output, no_row
+from hunt_ros.detection.output import Output, no_row
 from hunt_ros.detection.rows import RowMaker
 from hunt_ros.detection.words.alarms import UNKNOWN, AlarmHistory
 from hunt_ros.detection.words.clearance import Clearances
@@ -100,7 +102,12 @@ class HuntingDetector:
         HuntError
             For a channel the detector has not been told of, or unequal lengths.
         """
-        self._door.push(channel, stamps_ns, values)
+        return self.feed({channel: (stamps_ns, values)})
+
+    def feed(self, samples: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> Output:
+        """Take stamps and values of several channels at once, see `update`."""
+        for channel, (stamps_ns, values) in samples.items():
+            self._door.push(channel, stamps_ns, values)
         return self._advance()
 
     def tick(self, now_ns: int) -> Output:
@@ -237,15 +244,13 @@ class HuntingDetector:
             if stretch is None:
                 self._rows.start_again()
             else:
-                outputs.append(self._make_rows(stretch))
+                outputs.append(self._make_rows(*stretch))
         output, journal = Output.joined(outputs), self._door.take_journal()
         return replace(output, journal=journal) if journal else output
 
-    def _make_rows(self, stretch: Stretch) -> Output:
+    def _make_rows(self, rows_ns: NDArray[np.int64], blocks: dict[str, Block]) -> Output:
         """Work on a stretch of samples."""
-        rows, motion = self._rows.make(*stretch)
-        if not rows.size:
-            return EMPTY
+        rows, motion = self._rows.make(rows_ns, blocks)
         events = self._transitions.update(rows)
         self.clearances.update(rows)
         self.history.update(rows, events)

@@ -58,7 +58,7 @@ class Block(NamedTuple):
     shifted: bool
 
 
-#: Stamps of rows, ns, shape (m,), and all samples up to the last of them, by channel.
+#: Stamps of rows, ns, shape (m,), m > 0, and all samples up to the last of them, by channel.
 Stretch = tuple[Stamps, dict[str, Block]]
 
 
@@ -227,7 +227,9 @@ class Door:
                 }
                 stamps = np.concatenate([block.stamps_ns for block in blocks.values()])
                 stamps.sort(kind='stable')  # runs that are in order are merged
-                yield self._rows(after_ns, until_ns, stamps), blocks
+                rows = self._rows(after_ns, until_ns, stamps)
+                if rows.size:  # there is one at or behind every sample
+                    yield rows, blocks
             elif self._is_free and self._epoch_over() and self._more_epochs():
                 if self.silent:  # whether they were is not in the samples
                     self.note('clock', **self.received(self.channels))

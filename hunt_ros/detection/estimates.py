@@ -161,9 +161,8 @@ class Estimator:
             # is told on for a while. Where a speed channel is silent, it may be.
             still = rows['speed'] <= health.STANDSTILL_MPS
             still |= np.isnan(rows['speed']) & ('speed' not in self._channels)
-            still_ns = np.maximum.accumulate(np.where(still, rows_ns, _NEVER))
-            still_ns = np.maximum(still_ns, self._still_ns)
-            self._still_ns = int(still_ns.max(initial=self._still_ns))
+            still_ns = np.maximum.accumulate(np.where(still, rows_ns, self._still_ns))
+            self._still_ns = int(still_ns[-1])
             still = rows_ns - still_ns <= _SETS_OFF_NS
             rows['roller_wrong'][still] &= ~np.uint32(health.STUCK)
         if self._speed_check is not None:
@@ -202,8 +201,6 @@ class Estimator:
 
     def _tell_on(self, rows: NDArray[np.void]) -> None:
         """Go on with what was wrong before a new beginning: a clock that is set ends no fault."""
-        if not rows.size:
-            return
         for name in self._channels:
             wrong = rows[f'{name}_wrong']
             wrong[: self._told_on] |= np.uint32(self._before.get(name, 0))

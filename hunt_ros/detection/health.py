@@ -222,9 +222,6 @@ def _watch(
         sizes[0, k] = m['step']
         sizes[1, k] = np.fmax(m['peak'][0], m['peak'][1])
         sizes[2, k] = 0.5 * (max(m['high'][0], m['high'][1]) - min(m['low'][0], m['low'][1]))
-    while n < stamps.size:  # behind the last row only where rows were left out
-        usable[n] = _sample(stamps[n], values[n], marks[n], limits, m)
-        n += 1
 
 
 @compiled_part

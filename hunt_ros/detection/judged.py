@@ -49,7 +49,7 @@ class Turning:
         self, rows_ns: NDArray[np.int64], angle: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """
-        Take rows, and the angle of the roller in rad or NaN at them.
+        Take rows, m > 0, and the angle of the roller in rad or NaN at them.
 
         Returns
         -------
@@ -60,10 +60,9 @@ class Turning:
         """
         turning = np.full(rows_ns.size, math.nan)
         changed = np.zeros(rows_ns.size, dtype=np.bool_)
-        if rows_ns.size:
-            seconds = np.diff(rows_ns, prepend=self._last_ns) * 1e-9
-            self._last_ns = int(rows_ns[-1])
-            _count_turns(seconds, angle, self._memory_s, self._memory, turning, changed)
+        seconds = np.diff(rows_ns, prepend=self._last_ns) * 1e-9
+        self._last_ns = int(rows_ns[-1])
+        _count_turns(seconds, angle, self._memory_s, self._memory, turning, changed)
         return turning, changed
 
 
@@ -173,7 +172,7 @@ class Agreement:
                 still |= line & (track[f'{name}_{which}'] > _STILL * motion)
         for k in np.flatnonzero(still & changed & ~shared):
             shared[k] = shared[k - 1] if k else self._shared
-        self._shared = bool(shared[-1]) if shared.size else self._shared
+        self._shared = bool(shared[-1])
         return shared
 
 

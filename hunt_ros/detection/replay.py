@@ -75,8 +75,8 @@ def watch(
             added.append(detector.hold_at(entry))
             named = () if entry is None else entry.received
             while True:
-                outputs, waits = _feed(detector, parts, number, named, share / shares)
-                added += outputs
+                output, waits = _feed(detector, parts, number, named, share / shares)
+                added.append(output)
                 if not waits:
                     break
                 yield Output.joined(added)
@@ -96,13 +96,13 @@ def _feed(
     number: int,
     named: Container[str],
     share: float,
-) -> tuple[list[Output], bool]:
+) -> tuple[Output, bool]:
     """
     Feed what may have come before entry `number`, up to a share; of silent channels less.
 
     Returns what was added, and True where more comes before that entry.
     """
-    outputs, waits = [], False
+    waits, samples = False, {}
     for name in detector.channels:
         part = parts.get(name)
         if part is None or (name in detector.silent and name not in named):
@@ -112,10 +112,9 @@ def _feed(
         span = slice(part.done, max(part.done, min(stop, reached)))
         part.done = span.stop
         waits |= part.done < stop
-        if span.start < span.stop:
-            series = part.series
-            outputs.append(detector.update(name, series.stamps_ns[span], series.values[span]))
-    return outputs, waits
+        samples[name] = part.series.stamps_ns[span], part.series.values[span]
+    # All at once: a clock that leaps ahead lets the others pass until it is seen to be back.
+    return detector.feed(samples), waits
 
 
 def detect(

@@ -146,9 +146,9 @@ class RowMaker:
         Parameters
         ----------
         rows_ns : ndarray of int64, shape (m,)
-            Their stamps.
+            Their stamps, m > 0.
         blocks : dict of str to Block
-            All samples since the last call, by channel.
+            All samples since the last call, by channel, none after the last row.
 
         Returns
         -------
@@ -157,14 +157,13 @@ class RowMaker:
             The usable samples of the motion.
         """
         rows, disagree, motion = self._estimator.run(rows_ns, blocks)
-        if rows.size:
-            trusted = self._trusted(rows)
-            trusted[: self._unseen] = False
-            self._unseen = max(self._unseen - rows.size, 0)
-            self._decide(rows, trusted, disagree)
-            self._levels(rows)
-            row = np.searchsorted(rows['stamp_ns'], motion['stamps_ns'])
-            motion['quiet'] = rows['state'][np.minimum(row, rows.size - 1)] <= State.DISTURBED
+        trusted = self._trusted(rows)
+        trusted[: self._unseen] = False
+        self._unseen = max(self._unseen - rows.size, 0)
+        self._decide(rows, trusted, disagree)
+        self._levels(rows)
+        row = np.searchsorted(rows_ns, motion['stamps_ns'])
+        motion['quiet'] = rows['state'][row] <= State.DISTURBED
         return rows, motion
 
     def _trusted(self, rows: NDArray[np.void]) -> NDArray[np.bool_]:

@@ -100,9 +100,9 @@ class SecondOpinion:
         Parameters
         ----------
         rows_ns : ndarray of int64, shape (m,)
-            Stamps of the rows.
+            Stamps of the rows, m > 0.
         stamps_ns, values : ndarray, shape (n,)
-            Readings since the last row before, in the unit of the sensor.
+            Readings since the last row before, none after the last row, in the unit of the sensor.
         angle, turning : ndarray, shape (m,)
             Angle of the roller, rad, and its turns per second; NaN where unknown.
         said : tuple of ndarray, shape (m,)
@@ -121,11 +121,8 @@ class SecondOpinion:
         size = rows_ns.size
         envelope, disagree = np.empty(size), np.zeros(size, dtype=np.bool_)
         gone = np.zeros(size, dtype=np.bool_)
-        if not size:
-            return envelope, disagree, gone
         noise = np.empty(size)
         row = np.searchsorted(rows_ns, stamps_ns)  # the first that is not before the reading
-        row, values = row[row < size], values[row < size]
         count = np.bincount(row, minlength=size)
         sums = np.bincount(row, values, size)
         means = np.divide(sums, count, out=np.full(size, math.nan), where=count > 0)

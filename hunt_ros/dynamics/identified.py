@@ -26,7 +26,7 @@ from hunt_ros.dynamics.normal_form import COEFFICIENTS, NormalForm
 from hunt_ros.errors import ConfigError
 from hunt_ros.files import read_text
 from hunt_ros.rig import refuse_other
-from hunt_ros.settings import checked, yaml_document
+from hunt_ros.settings import checked, yaml_document, yaml_value
 
 #: Order of the identified parameters in `IdentifiedNormalForm.covariance`.
 PARAMETERS: tuple[str, ...] = ('v_c', *COEFFICIENTS)
@@ -203,7 +203,7 @@ class IdentifiedNormalForm:
             if name not in group:
                 raise ConfigError(f'{source}: {name} is missing, expected {", ".join(PARAMETERS)}')
         given = {
-            name: checked(f'{source}: {name}', group[name])
+            name: checked(f'{source}: {name}', yaml_value(0.0, group[name]))
             for name in PARAMETERS + SCALES
             if name in group
         }

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hunt_ros.errors import ConfigError
-from hunt_ros.settings import checked
+from hunt_ros.settings import checked, yaml_value
 
 _F = NDArray[np.float64]
 
@@ -252,4 +252,5 @@ def numbers(values: object, name: str, source: str, expected: str = 'a list of n
         return np.zeros(0)
     listed = isinstance(values, Sequence | array) and not isinstance(values, str | bytes)
     entries: list[Any] = list(values) if listed else [values]  # type: ignore[call-overload]
-    return np.array([checked(f'{source}: {name}', entry, expected=expected) for entry in entries])
+    found = [yaml_value(0.0, entry) for entry in entries]
+    return np.array([checked(f'{source}: {name}', entry, expected=expected) for entry in found])

@@ -173,6 +173,18 @@ def test_a_channel_silent_while_the_clock_was_set_back_is_back_with_the_others(
     assert found.level_rows.total() * found.period_ns / 1e9 == pytest.approx(20.0, abs=0.1)
 
 
+@pytest.mark.parametrize('stretch', [650, 3250, 4200, 5000])
+def test_a_clock_that_leapt_ahead_is_back_wherever_the_record_is_cut(recorded, stretch) -> None:
+    channels = dict(recorded(6.0, 13.0))
+    stamps = channels['speed'].stamps_ns
+    leaps = (stamps > 6_000_000_000) & (stamps < 8_000_000_000)
+    moved = stamps + np.where(leaps, 3600_000_000_000, 0)
+    channels['speed'] = Series(moved, channels['speed'].values)
+    with patch('hunt_ros.detection.replay._STRETCH', stretch):
+        rows = detect(HuntingDetector(DetectorConfig(), PAPER), Record(channels)).estimates
+    assert np.isfinite(rows['speed'][rows['stamp_ns'] > 9_500_000_000]).all()
+
+
 def test_a_journal_line_that_is_none_is_refused() -> None:
     for text in ('', '{}', '{"kind":"guess","position_ns":null}', '[1]'):
         with pytest.raises(HuntError):

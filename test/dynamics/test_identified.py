@@ -83,6 +83,17 @@ def test_scales_covariance_and_provenance_may_be_left_out() -> None:
     assert one.provenance == {}
 
 
+def test_numbers_that_yaml_takes_for_words_are_numbers_as_they_are_for_ros() -> None:
+    one = IdentifiedNormalForm(PAPER_NORMAL_FORM, np.diag([1e-5] * 6))
+    text = one.to_yaml()
+    assert '0.0485' in text
+    assert '1.0e-05' in text
+    written = text.replace('0.0485', '485e-4').replace('1.0e-05', '1e-5')
+    again = IdentifiedNormalForm.from_yaml(written)
+    assert again.form.length_scale == 0.0485
+    np.testing.assert_array_equal(again.covariance, one.covariance)
+
+
 def test_the_covariance_may_come_as_the_array_that_rclpy_hands_out() -> None:
     one = IdentifiedNormalForm(PAPER_NORMAL_FORM, np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]))
     group = group_of(one.to_yaml())
