@@ -61,9 +61,10 @@ MISSING = SILENT | ABSENT
 
 #: A fault is told for this long after its last sign, s: what comes and goes is one fault.
 FAULT_HOLD_S = 1.0
-#: A sensor that repeats one value for this long, s, is stuck, if the motion exceeds its steps: no
-#: motion of 1 Hz and more rests at its top for a quarter of a second.
-STUCK_S = 0.25
+#: A channel that repeats one value for this long, s, is stuck. A sensor of the motion is if its
+#: motion exceeds its steps, and after this part of the hunting period: none rests so long at its
+#: top.
+STUCK_S, _STUCK_PERIODS = 0.25, 0.25
 #: Samples in a period of the fastest motion that is followed: with less than two it appears as a
 #: slower one (Nyquist), and stamps that are not even leave room for less.
 _SAMPLES_A_PERIOD = 2.5
@@ -148,13 +149,15 @@ class ChannelHealth:
     def follow(self, config: DetectorConfig) -> None:
         """Use other settings from now on."""
         self._optional = self._channel in config.optional_channels
+        kind, period_s = _KINDS[self._channel], 1.0 / config.hunting_frequency_hz
+        stuck_s = max(STUCK_S, _STUCK_PERIODS * period_s if kind == _MOTION else 0.0)
         self._limits = _Limits(
-            _KINDS[self._channel],
+            kind,
             saturated_from(config, self._channel),
             config.timeout_ns(self._channel),
-            round(STUCK_S * NANOSECONDS),
+            round(stuck_s * NANOSECONDS),
             round(FAULT_HOLD_S * NANOSECONDS),
-            2.0 * np.pi * config.hunting_frequency_hz,
+            2.0 * np.pi / period_s,
             1.0 / (_SAMPLES_A_PERIOD * config.followed_hz[1]),
         )
 
@@ -328,7 +331,8 @@ def _row(row: int, limits: _Limits, m: Any) -> int:
     bits = 0
     for bit in range(seen.size):
         held = limits.hold if bit != _WAITING else 0
-        if bit in (_STUCK, _SATURATED):  # a slow motion is cut off, and rests, once a period
+        if limits.kind == _MOTION and bit in (_STUCK, _SATURATED):
+            # A slow one is cut off, and rests, once a period.
             held = max(held, int(3e9 * np.pi / limits.omega))
         if seen[bit] != _NEVER and row - seen[bit] <= held:
             bits |= 1 << bit

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made import held, record_of, rig_settings
@@ -129,6 +131,14 @@ def test_a_sensor_that_stops_in_the_middle_of_a_motion_is_stuck(noise: float) ->
     seconds, wrong = stuck(values)
     assert not wrong[seconds < 6.0].any()
     assert wrong[seconds > 6.3].all()
+
+
+def test_a_slow_motion_of_few_steps_rests_at_its_top_and_is_not_stuck() -> None:
+    t = np.arange(round(40.0 * RATE)) / RATE
+    values = read(5.0 * RESOLUTION * np.cos(2.0 * np.pi * 0.5 * t), noise=0.0)
+    config = replace(ALONE, hunting_frequency_hz=0.5)
+    rows = detect(HuntingDetector(config), record_of(t + 1.0 / RATE, lateral=values, speed=6.0))
+    assert not (rows.estimates['lateral_wrong'] & health.STUCK).any()
 
 
 def test_a_sensor_that_never_moved_is_not_believed() -> None:

@@ -64,6 +64,22 @@ def test_a_roller_that_sets_off_is_not_stuck(recorded, rate) -> None:
     assert not said(output, 'sensor_fault')
 
 
+@pytest.mark.parametrize('hunting_hz', [0.4, 0.8])
+def test_a_roller_of_a_slow_rig_that_sets_off_is_not_stuck(recorded, hunting_hz) -> None:
+    record = recorded(Profile((Corners((0.0, 10.0, 20.0, 25.0), (0.0, 0.0, 3.0, 3.0)),)), 25.0)
+    config = DetectorConfig(hunting_frequency_hz=hunting_hz)
+    assert not said(detect(HuntingDetector(config), record), 'sensor_fault')
+
+
+def test_what_hunted_is_over_when_the_roller_has_come_to_rest(recorded, true_form) -> None:
+    times, speeds = (0.0, 20.0, 30.0, 60.0), (8.6, 8.6, 0.0, 0.0)
+    for form in (true_form, None):
+        (output,) = driven(recorded, form, times, speeds, 1, roughness=(), kicks=[(5.0, 800e-6)])
+        rows = output.estimates
+        assert (rows['state'][rows['stamp_ns'] < 20e9] == State.LIMIT_CYCLE).any()
+        assert (rows['state'][rows['stamp_ns'] > 38e9] <= State.DISTURBED).all()
+
+
 @pytest.mark.parametrize('begin', [0.0, 0.1])
 @pytest.mark.parametrize('informed', [True, False])
 def test_what_drives_the_motion_at_rest_is_not_what_drives_it_at_speed(

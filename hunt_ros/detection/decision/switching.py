@@ -171,11 +171,15 @@ def _follow(memory: Any) -> tuple[float, float]:
     if math.isnan(last):
         memory['at'] = v
         return 0.0, 0.0
-    memory['at'] = before + (v - before) / _FIRST
     # What a roller at rest is read to have is no change.
     size = 0.5 * (v + last) + STANDSTILL_MPS
+    turned = abs(v - last) / size
+    if v < STANDSTILL_MPS:  # what is seen there is of no other speed
+        memory['at'], memory['off'] = v, 0.0
+        return turned, 0.0
+    memory['at'] = before + (v - before) / _FIRST
     memory['off'] = abs(v - before) / size
-    return abs(v - last) / size, abs(memory['at'] - before) / size
+    return turned, abs(memory['at'] - before) / size
 
 
 @compiled_part
