@@ -263,9 +263,10 @@ def _spread(row: np.void, _: Basis) -> str:
 def _two_frequencies(row: np.void, basis: Basis) -> str:
     """Return the frequency of the motion, and that of the hunting by the form."""
     form_hz = math.nan if basis.form is None else basis.form.form.frequency_hz
-    fold = f' and {1e3 * basis.fold_amplitude:.3g} mm' if basis.fold_amplitude > 0.0 else ''
+    smallest = f'{1e3 * basis.fold_amplitude:.3g} mm'
+    fold = f', its limit cycles {smallest} and more' if basis.fold_amplitude > 0.0 else ''
     own = f'{_size(row)} at {_number(row, "frequency_hz", "Hz")}'
-    return f'{own}, the normal form has {form_hz:.3g} Hz{fold}'
+    return f'{own}; that has {form_hz:.3g} Hz{fold}'
 
 
 #: What each doubt is called, and what gives its numbers; in the order in which they are told.
