@@ -204,15 +204,18 @@ class Door:
         """
         No more samples will come: everything waiting is complete.
 
-        A channel that goes on where all others had their clocks set back was silent meanwhile,
-        and is in their next epoch.
+        A channel that goes on where the clocks of others were set back, and ends with them, was
+        silent meanwhile: it is in their next epoch.
         """
         for channel in self.channels.values():
             channel.finish()
-        ends = [c.newest_ns or 0 for c in self.channels.values() if len(c.queues) > 1]
+        later = self._in_later_epochs()
+        left_ns = max((c.newest_ns or 0 for c in later), default=0)
+        end_ns = max((c.queues[-1].newest_ns or 0 for c in later), default=0)
         for channel in self.channels.values():
-            if ends and len(channel.queues) == 1 and (channel.newest_ns or 0) > max(ends):
-                channel.queues.append(channel.queues[0].split(max(ends)))
+            newest_ns, alone = channel.newest_ns or 0, bool(later) and channel not in later
+            if alone and newest_ns > left_ns and abs(newest_ns - end_ns) <= self._drain_ns:
+                channel.queues.append(channel.queues[0].split(left_ns))
         self._finished = True
 
     def complete(self) -> Iterator[Stretch | None]:
@@ -230,7 +233,7 @@ class Door:
                 rows = self._rows(after_ns, until_ns, stamps)
                 if rows.size:  # there is one at or behind every sample
                     yield rows, blocks
-            elif self._is_free and self._epoch_over() and self._more_epochs():
+            elif self._is_free and self._epoch_over() and self._in_later_epochs():
                 if self.silent:  # whether they were is not in the samples
                     self.note('clock', **self.received(self.channels))
                 self._next_epoch()
@@ -359,12 +362,12 @@ class Door:
                 return False
             ends.append(channel.newest_ns)
         if not ends:
-            return self._more_epochs()
+            return bool(self._in_later_epochs())
         return max(ends) - min(ends) <= max(c.timeout_ns for c in self.channels.values())
 
-    def _more_epochs(self) -> bool:
-        """True where samples of a later epoch wait."""
-        return any(len(channel.queues) > 1 for channel in self.channels.values())
+    def _in_later_epochs(self) -> list[Channel]:
+        """Return the channels of which samples of a later epoch wait."""
+        return [channel for channel in self.channels.values() if len(channel.queues) > 1]
 
     def _next_epoch(self) -> None:
         """Leave the present epoch; what still waits in it is given up."""

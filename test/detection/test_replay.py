@@ -173,6 +173,20 @@ def test_a_channel_silent_while_the_clock_was_set_back_is_back_with_the_others(
     assert found.level_rows.total() * found.period_ns / 1e9 == pytest.approx(20.0, abs=0.1)
 
 
+@pytest.mark.parametrize('name', ['yaw', 'speed'])
+def test_a_channel_whose_clock_alone_was_set_back_is_not_put_beside_the_others(
+    recorded, name: str
+) -> None:
+    """It would be off by what it was set back by: that is left to a person, and STALE."""
+    channels = dict(recorded(6.0, 20.0))
+    one = channels[name]
+    stamps = one.stamps_ns - np.where(one.stamps_ns < 11_000_000_000, 0, 3_000_000_000)
+    channels[name] = Series(stamps, one.values)
+    detector = HuntingDetector(DetectorConfig(), PAPER)
+    rows = detect(detector, Record(channels)).estimates
+    assert (rows['level'][rows['stamp_ns'] > 11_600_000_000] == Level.STALE).all()
+
+
 @pytest.mark.parametrize('stretch', [650, 3250, 4200, 5000])
 def test_a_clock_that_leapt_ahead_is_back_wherever_the_record_is_cut(recorded, stretch) -> None:
     channels = dict(recorded(6.0, 13.0))

@@ -175,10 +175,11 @@ class AlarmHistory:
             stamp_ns = int(rows['stamp_ns'][begin])
             if (begun[begin] or over[begin]) and (alarm := self._lasting):
                 alarm.over_ns = stamp_ns
-            if begun[begin]:
-                said = next(e for e in events if e.stamp_ns == stamp_ns and _begins(e))
+            said = [event for event in events if event.stamp_ns == stamp_ns and _begins(event)]
+            if begun[begin] and said:
                 self.count += 1
-                self.alarms.append(Alarm(said.since_ns, stamp_ns, said.cause, said.test, _FAR[0]))
+                began_ns, cause, test = said[0].since_ns, said[0].cause, said[0].test
+                self.alarms.append(Alarm(began_ns, stamp_ns, cause, test, _FAR[0]))
             self._measure(rows[begin:end])
 
     def _measure(self, rows: NDArray[np.void]) -> None:
