@@ -41,8 +41,6 @@ class Path:
         Of one recording whose speed is coarse: the hold.
     hold_std : float
         Standard deviation of the true speed of a hold about the coarse one, over v_ref; 0: fine.
-    extra : ndarray, shape (n,), optional
-        Growth rate beside the law's on the way to each instant, 1/s.
     """
 
     time: NDArray[np.float64]
@@ -56,7 +54,6 @@ class Path:
     line: NDArray[np.float64] | None = None
     recording: NDArray[np.int64] | None = None
     hold_std: float = 0.0
-    extra: NDArray[np.float64] | None = None
 
     @cached_property
     def recordings(self) -> list[Path]:
