@@ -84,4 +84,3 @@ def test_draws_that_have_lost_the_branch_beyond_v_c_pull_its_lower_edge_to_zero(
 def test_of_hardly_a_draw_nothing_is_said(count):
     drawn = Posterior(LAW, np.tile(LAW.p, (count, 1)), np.full(count, np.nan), (6.2, 8.8))
     assert set(drawn.numbers(0.0).values()) == {None}
-    assert not np.isfinite(drawn.correlations()).any()
