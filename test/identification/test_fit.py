@@ -137,7 +137,7 @@ def test_a_recording_without_a_usable_piece_or_in_another_unit_breaks_nothing(ga
     prior = law_prior(scales, False)
     for sign in (1.0, -1.0, 0.0):
         start = np.concatenate([sign * law, [0.0, 0.0, -8.0, -9.0, -6.0]])
-        fit = learnt(fit_path(Problem(path, prior, (), usual_spread(path)), start, 20))
+        fit = learnt(fit_path(Problem(path, *prior, (), usual_spread(path)), start, 20))
         assert np.isfinite(fit.theta).all()
         assert np.isfinite(fit.own).all()
 

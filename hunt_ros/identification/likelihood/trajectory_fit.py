@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +30,7 @@ Array = NDArray[np.float64]
 #: A prior: function of the law's coefficients, expected value, standard deviation.
 Prior = tuple[Callable[[Array], float], float, float]
 
-#: Standard deviations of the prior on d ln Q / du, forcing that rises with a power of v, and on
-#: d ln Q / dw; and where they end. The amplitude of a limit cycle beats with the lines of the
-#: roller, and what is left of that looks like forcing that grows with the amplitude: where it may
-#: not be, the quiet motion gets the same forcing, and the law bends to explain the beat.
-_SLOPES = np.array([3.0, 1.0])
+#: Largest d ln Q / du, forcing that rises with a power of v, and d ln Q / dw.
 _STEEPEST = np.array([9.0, 2.0])
 #: Deviation of ln Q, ln R and ln phase noise from what they were found to be, at most: a factor
 #: of three. Of noise too small to be seen nothing else says it.
@@ -61,21 +56,6 @@ _DIFFERENCE = float(np.sqrt(np.finfo(np.float64).eps))
 _FARTHEST = np.array([3.0, 3.0, 3.0, 30.0, 30.0])
 #: Added to matrices of unit diagonal before they are solved.
 _RIDGE = 1e-13
-
-
-@dataclass(frozen=True, eq=False)
-class LawPrior:
-    """
-    What is known of the law's coefficients before the data are seen: independent normal numbers.
-
-    Parameters
-    ----------
-    mean, std : ndarray, shape (10,)
-        1/s; a coefficient with std 0 is held at its mean.
-    """
-
-    mean: Array
-    std: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,24 +147,16 @@ class Problem:
     """
     What is maximised: the likelihood of a path with what is known beforehand.
 
-    Coefficients whose `prior` has no deviation are held; `priors` say what is known from
-    elsewhere; `spread`, shape (5,), has standard deviations of what recordings have of their own.
+    `mean` and `std`, shape (12,), are those of independent normal priors on the law and on how the
+    forcing changes; what has no deviation is held. `priors` say what is known from elsewhere;
+    `spread`, shape (5,), has standard deviations of what recordings have of their own.
     """
 
     path: Path
-    prior: LawPrior
+    mean: Array
+    std: Array
     priors: Sequence[Prior]
     spread: Array
-
-    @cached_property
-    def mean(self) -> Array:
-        """Means of the priors of the law and of how the forcing changes."""
-        return np.concatenate([self.prior.mean, np.zeros(_SLOPES.size)])
-
-    @cached_property
-    def std(self) -> Array:
-        """Their standard deviations; 0 for what is held at its mean."""
-        return np.concatenate([self.prior.std, _SLOPES])
 
     def allowed(self, theta: Array) -> bool:
         """Whether no parameter is beyond its bounds."""
@@ -383,11 +355,10 @@ def fit_path(
     Fisher scoring with Levenberg's damping; the likelihood is that of the extended Kalman
     filter (Ljung, L., System Identification, 1999, Sect. 7.4).
     """
-    prior = problem.prior
     low, high = _bounds()
     theta = np.array(start, dtype=np.float64)
-    held = np.flatnonzero(prior.std == 0.0)
-    theta[held] = prior.mean[held]
+    held = np.flatnonzero(problem.std == 0.0)
+    theta[held] = problem.mean[held]
     theta = np.clip(theta, low, high)
     own = np.zeros((len(problem.path.recordings), OWN)) if own is None else own
     current = problem.expand(theta, own)
@@ -411,7 +382,7 @@ def fit_path(
             step = np.zeros(theta.size)
             step[free] = np.linalg.solve(matrix, gradient[free])
             # A law an order away from the last one has left the hill it was climbing.
-            size = np.maximum(np.abs(theta[:SATURATION]), 0.05 * prior.std[:SATURATION])
+            size = np.maximum(np.abs(theta[:SATURATION]), 0.05 * problem.std[:SATURATION])
             longest = np.max(np.abs(step[:SATURATION]) / np.where(size > 0.0, size, np.inf))
             step *= min(1.0, 0.7 / longest) if longest > 0.0 else 1.0
             step[-3:] = np.clip(step[-3:], -3.0, 2.0)

@@ -159,7 +159,7 @@ def two_recordings() -> Problem:
     time, recording = 0.5 * np.tile(np.arange(40), 2), np.repeat([0, 1], 40)
     seen = np.concatenate([paths[0], 1.02 * paths[1]]) + noise
     path = Path(time, np.full(80, -0.1), seen, time == 0.0, recording=recording)
-    return Problem(path, law_prior(SCALES, False), [], usual_spread(path))
+    return Problem(path, *law_prior(SCALES, False), [], usual_spread(path))
 
 
 def test_the_expansion_is_that_of_the_likelihood():
