@@ -45,6 +45,7 @@ _Function = TypeVar('_Function', bound=Callable[..., Any])
 F1 = Annotated[NDArray[np.float64], 1]
 F2 = Annotated[NDArray[np.float64], 2]
 F3 = Annotated[NDArray[np.float64], 3]
+C1 = Annotated[NDArray[np.complex128], 1]
 I1 = Annotated[NDArray[np.int64], 1]
 B1 = Annotated[NDArray[np.bool_], 1]
 # ... and one that the kernel only reads, so that it takes an array that nobody may write to.

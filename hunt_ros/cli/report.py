@@ -81,5 +81,5 @@ def run(arguments: argparse.Namespace) -> Found:
         write_whole(arguments.out, report.html(drawings), 'report')
     lines = [str(path) for path in (arguments.out, *written)]
     if identification.normal_form is None:
-        lines.append(f'no normal form: {identification.unknown["correlations"]}')
+        lines.append(f'no normal form: {identification.unknown["normal_form"]}')
     return Found(report.document, lines, 0 if identification.normal_form is not None else 1)

@@ -57,21 +57,23 @@ QUINTIC, EXTENDED = 'quintic', 'quintic with saturation'
 _LARGEST = 9.0
 
 
-def _powers_of_x(p: Any, u: Any, line: Any) -> tuple[Any, Any, Any]:
+def _powers_of_x(p: Any, k: Any, u: Any, line: Any) -> tuple[Any, Any, Any]:
     """
     Coefficients of 1, x and x^2 in the growth rate at one speed: the law itself.
 
     Parameters
     ----------
-    p : ndarray, shape (10,) or (10, ...)
+    p : ndarray, shape (10, ...)
         Coefficients.
+    k : int or Ellipsis
+        Which of several laws, or all.
     u, line : float or ndarray
         Detuning, and power (B / A_ref)^2 of the roller's line.
     """
-    b = p[FELT] * line
-    first = p[3] + (p[4] + p[7] * u) * u
-    second = p[5] + p[6] * u
-    rest = p[0] + (p[1] + p[2] * u) * u
+    b = p[FELT, k] * line
+    first = p[3, k] + (p[4, k] + p[7, k] * u) * u
+    second = p[5, k] + p[6, k] * u
+    rest = p[0, k] + (p[1, k] + p[2, k] * u) * u
     return (
         rest + (2.0 * first + 3.0 * second * b) * b,
         first + 6.0 * second * b,
@@ -84,43 +86,12 @@ _powers_compiled = compiled_part(_powers_of_x)
 
 
 @compiled_part
-def _saturated(c: float, w: float) -> tuple[float, float, float, float, float]:
-    """Return x, its first and second derivative by w, and those of the first two by c."""
-    s = 1.0 / (1.0 + c * w)
-    return w * s, s * s, -2.0 * c * s * s * s, -w * w * s * s, -2.0 * w * s * s * s
-
-
-@compiled_part
-def growth_at(p: Array, u: float, w: float, line: float) -> tuple[float, float, float]:
-    """Return the growth rate, 1/s, and its first and second derivative by w."""
-    c0, c1, c2 = _powers_compiled(p, u, line)
-    x, x1, x2, _, _ = _saturated(p[SATURATION], w)
-    bent = c1 + 2.0 * c2 * x
-    return c0 + (c1 + c2 * x) * x, bent * x1, 2.0 * c2 * x1 * x1 + bent * x2
-
-
-@compiled_part
-def terms_at(p: Array, u: float, w: float, line: float, value: Array, slope: Array) -> None:
-    """Fill in the derivatives of growth rate and of its derivative by w, by each coefficient."""
-    _, c1, c2 = _powers_compiled(p, u, line)
-    x, x1, _, by_c, x1_by_c = _saturated(p[SATURATION], w)
-    b = p[FELT] * line
-    of_u = (1.0, u, u * u)
-    of_x = (1.0, x + 2.0 * b, x * x + (6.0 * x + 3.0 * b) * b)
-    by_x = (0.0, x1, (2.0 * x + 6.0 * b) * x1)
-    by_b = (0.0, 2.0, 6.0 * x + 6.0 * b)
-    by_both = (0.0, 0.0, 6.0 * x1)
-    value[FELT] = 0.0
-    slope[FELT] = 0.0
-    for j in range(SATURATION):
-        of, k = of_u[U_POWERS[j]], X_POWERS[j]
-        value[j] = of * of_x[k]
-        slope[j] = of * by_x[k]
-        value[FELT] += line * p[j] * of * by_b[k]
-        slope[FELT] += line * p[j] * of * by_both[k]
-    bent = c1 + 2.0 * c2 * x
-    value[SATURATION] = bent * by_c
-    slope[SATURATION] = 2.0 * c2 * by_c * x1 + bent * x1_by_c
+def growth_at(p: Array, k: int, u: float, w: float, line: float) -> tuple[float, float]:
+    """Return the growth rate of law k, 1/s, and its derivative by w; p of shape (10, laws)."""
+    c0, c1, c2 = _powers_compiled(p, k, u, line)
+    s = 1.0 / (1.0 + p[SATURATION, k] * w)
+    x = w * s
+    return c0 + (c1 + c2 * x) * x, (c1 + 2.0 * c2 * x) * s * s
 
 
 def saturated(c: Any, w: Array) -> Array:
@@ -137,27 +108,28 @@ def lawful(paper: ArrayLike, felt: float = 1.0) -> Array:
     return p
 
 
-def reading(log_gain: float, log_speed: float) -> Array:
+def reading(log_gain: ArrayLike, log_speed: ArrayLike) -> Array:
     """
     Return the matrix that turns the coefficients of a law into those of its readings.
 
     Parameters
     ----------
-    log_gain : float
+    log_gain : array_like, shape (...)
         Logarithm of measured over true amplitude.
-    log_speed : float
+    log_speed : array_like, shape (...)
         Logarithm of true over measured speed.
 
     Returns
     -------
-    ndarray, shape (10, 10)
+    ndarray, shape (..., 10, 10)
         Exact: with 1 + u = s (1 + u') a power of u is a polynomial in u' of the same degree.
     """
-    s, shrunk = math.exp(log_speed), math.exp(-2.0 * log_gain)
-    matrix = np.zeros((TERMS, TERMS))
-    matrix[FELT, FELT], matrix[SATURATION, SATURATION] = 1.0, shrunk
+    gain, speed = np.broadcast_arrays(log_gain, log_speed)
+    s, shrunk = np.exp(speed)[..., None], np.exp(-2.0 * gain)[..., None]
+    matrix = np.zeros((*gain.shape, TERMS, TERMS))
+    matrix[..., FELT, FELT], matrix[..., SATURATION, SATURATION] = 1.0, shrunk[..., 0]
     into, out, ways, i, j, k = _EXPANDED
-    matrix[into, out] = ways * (s - 1.0) ** (i - j) * s**j * shrunk**k
+    matrix[..., into, out] = ways * (s - 1.0) ** (i - j) * s**j * shrunk**k
     return matrix
 
 
@@ -245,7 +217,7 @@ class GrowthLaw:
     def _in_x(self, speed: ArrayLike, line: ArrayLike) -> tuple[Array, Array, Array]:
         """Coefficients of the powers of x, for a line of power B^2 in m^2."""
         b = np.asarray(line, dtype=np.float64) / self.scales.amplitude**2
-        return _powers_of_x(self._columns, self.detuning(speed), b)
+        return _powers_of_x(self._columns, ..., self.detuning(speed), b)
 
     def growth_rate(self, speed: ArrayLike, amplitude: ArrayLike, line: ArrayLike = 0.0) -> Array:
         """

@@ -31,7 +31,6 @@ from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.path_likelihood import NOISE_TERMS
 from hunt_ros.identification.likelihood.spreads import learnt
 from hunt_ros.identification.likelihood.trajectory_fit import (
-    LawPrior,
     Prior,
     Problem,
     TrajectoryFit,
@@ -47,6 +46,11 @@ from hunt_ros.identification.settings import IdentificationSettings
 #: leaves open is a few per cent wider than with 0.75. It comes four times, so that the units
 #: become those of the fit itself: where forces saturate they grow from one to the next.
 _WIDTHS = 0.45, *4 * (1.2,)
+#: Standard deviations of the prior on d ln Q / du, forcing that rises with a power of v, and on
+#: d ln Q / dw. The amplitude of a limit cycle beats with the lines of the roller, and what is left
+#: of that looks like forcing that grows with the amplitude: where it may not be, the quiet motion
+#: gets the same forcing, and the law bends to explain the beat.
+_SLOPES = 3.0, 1.0
 #: Rounds in which jumps of the path are looked for, and the share of it they are at most.
 _GATES = 6
 _MOST_JUMPS = 0.005
@@ -96,11 +100,11 @@ def fit_law(
     """
     priors = priors_of(scales, settings)
     line = path.line is not None and bool(np.any(path.line > 0.0))
-    problem = Problem(path, law_prior(scales, line), priors, usual_spread(path))
+    problem = Problem(path, *law_prior(scales, line), priors, usual_spread(path))
     fit = _fit_paper(problem, scales, v_c)
     for width in _WIDTHS:
-        prior = law_prior(scales, line, width, fit.theta[:PAPER_TERMS])
-        problem = replace(problem, path=_turned(fit, scales), prior=prior)
+        mean, std = law_prior(scales, line, width, fit.theta[:PAPER_TERMS])
+        problem = replace(problem, path=_turned(fit, scales), mean=mean, std=std)
         fit = fit_path(problem, fit.theta, own=fit.own)
     fit = learnt(fit)
     # A kick too small to be seen in its window shows as a step of the path: start anew there.
@@ -196,9 +200,9 @@ def _steps(fit: TrajectoryFit) -> NDArray[np.bool_]:
 
 def law_prior(
     scales: GrowthScales, line: bool, width: float = 0.0, size: ArrayLike = (0.0,) * PAPER_TERMS
-) -> LawPrior:
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """
-    Prior of the law.
+    Prior of the law, and of how the forcing changes: independent normal numbers.
 
     Parameters
     ----------
@@ -210,6 +214,11 @@ def law_prior(
         Of the terms beyond the paper's form, relative to those they belong to.
     size : array_like, shape (6,)
         Coefficients of the form.
+
+    Returns
+    -------
+    mean, std : ndarray, shape (10 + 2,)
+        1/s; a coefficient with std 0 is held at its mean.
     """
     mean, std = np.zeros(TERMS), np.zeros(TERMS)
     std[:PAPER_TERMS] = scales.fastest_rate
@@ -217,7 +226,7 @@ def law_prior(
     # u x^2 and u^2 x beside the terms in x^2 and u x that they change.
     _, _, _, cubic, mixed, quintic = np.abs(size)
     std[[6, 7, SATURATION]] = width * np.array([max(cubic, quintic), mixed, 2.0 / 3.0])
-    return LawPrior(mean, std)
+    return np.append(mean, [0.0, 0.0]), np.append(std, _SLOPES)
 
 
 def priors_of(scales: GrowthScales, settings: IdentificationSettings) -> Sequence[Prior]:

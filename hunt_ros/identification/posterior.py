@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations_with_replacement
 from typing import Any, Literal
 
 import numpy as np
@@ -196,17 +195,6 @@ class Posterior:
         # A subcritical draw without a fold within reach has a hysteresis without an end.
         most = np.quantile(np.nan_to_num(width, nan=np.inf), EXISTS, method='higher')
         return max(float(most), NORMAL_95 * v_c.std) if v_c and most < np.inf else None
-
-    def correlations(self) -> Array:
-        """Rank correlations of `QUANTITIES`, shape (8, 8); NaN for what too few draws have."""
-        known = np.isfinite(self.table)
-        matrix = np.full((len(QUANTITIES), len(QUANTITIES)), np.nan)
-        for i, j in combinations_with_replacement(range(len(QUANTITIES)), 2):
-            both = known[:, i] & known[:, j]
-            if both.sum() >= max(0.5 * len(both), 10):
-                pair = rank_correlations(self.table[both][:, [i, j]])
-                matrix[i, j] = matrix[j, i] = pair[0, 1]
-        return matrix
 
     def branches(self, speeds: ArrayLike) -> dict[BranchName, list[Uncertain | None]]:
         """

@@ -28,7 +28,7 @@ from hunt_ros.dynamics.normal_form import COEFFICIENTS, Criticality
 from hunt_ros.errors import HuntError, IdentificationError
 from hunt_ros.identification.bracket import Bracket
 from hunt_ros.identification.four_point import FourPoint
-from hunt_ros.identification.posterior import QUANTITIES, BranchName, BranchPoint, Posterior
+from hunt_ros.identification.posterior import BranchName, BranchPoint, Posterior
 from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.segments import Segment
 from hunt_ros.samples import Record, Uncertain, Unknown, as_json, counted, key, known
@@ -347,22 +347,11 @@ class Identification:
             'time_scale_s': self.time_scale,
             'effective': {'coefficients': list(EFFECTIVE), 'speeds_mps': list(self.speeds)},
             'coordinate': 'amplitude',
-            'correlations': self.correlations(),
+            'normal_form': self.normal_form and self.normal_form.fingerprint,
             'branches': [point.to_json() for point in self.branches],
             'observed': as_json(self.observed) | {'hysteresis_width': width},
             'unknown': dict(self.unknown),
             'warnings': list(self.warnings),
-        }
-
-    def correlations(self) -> dict[str, Any] | None:
-        """Return the entry `correlations` of the JSON: those of the draws, of what is known."""
-        if self.posterior is None or self.normal_form is None:
-            return None
-        matrix = self.posterior.correlations()
-        finite = [k for k in range(len(QUANTITIES)) if math.isfinite(matrix[k, k])]
-        return {
-            'of': [QUANTITIES[k] for k in finite],
-            'matrix': as_json(matrix[np.ix_(finite, finite)].tolist()),
         }
 
 

@@ -15,7 +15,7 @@ from hunt_ros.dynamics.growth_law import SATURATION, TERMS, GrowthLaw, reading
 from hunt_ros.dynamics.identified import EXISTS
 from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.likelihood.path_likelihood import ALL_TERMS
-from hunt_ros.identification.likelihood.trajectory_fit import TrajectoryFit
+from hunt_ros.identification.likelihood.trajectory_fit import VAGUE_NOISE, TrajectoryFit
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.samples import NORMAL_95, Uncertain
 
@@ -30,9 +30,6 @@ _DRAWS = 400
 ENOUGH_DRAWS = 10
 #: Draws that are tried for one that is kept, at most.
 _TRIES = 8
-#: Largest deviation of the logarithm of a noise that is drawn: a factor of three. Of noise too
-#: small to be seen nothing else keeps the draws.
-_VAGUE_NOISE = 1.1
 #: Windows that all moves of the draws may take. The longer a record the more normal is what it
 #: leaves open (as one over the root of its length): five moves of each draw for a minute, none
 #: for six.
@@ -62,8 +59,7 @@ def _beside(
     information = fitted.fit.information
     if not np.isfinite(information).all():
         return np.tile(fitted.noise, (len(away), 1))
-    own = information[TERMS:, TERMS:] + np.diag([0.0, 0.0, *3 * [_VAGUE_NOISE**-2]])
-    covariance = inverse_of(own)
+    covariance = inverse_of(information[TERMS:, TERMS:])
     follow = -covariance @ information[TERMS:, :TERMS]
     return np.asarray(fitted.noise + away @ follow.T + normal @ covariance_root(covariance).T)
 
@@ -147,7 +143,10 @@ def _moved(
     rounds = _WINDOWS // (_DRAWS * problem.path.time.size)
     if not rounds or count < theta.shape[1] or not np.isfinite(fit.information).all():
         return theta
-    at, usual = problem.expand(fit.theta, fit.own), 2.38 / math.sqrt(2.0 * problem.varied.sum())
+    at, usual = (
+        problem.expand(fit.theta, fit.own),
+        2.38 / math.sqrt(2.0 * np.count_nonzero(problem.widths)),
+    )
 
     def log_density(one: NDArray[np.float64]) -> float:
         """Return the log posterior, where the recordings' own follows."""
@@ -155,7 +154,7 @@ def _moved(
         if not (problem.allowed(one) and (admissible is None or admissible(law))):
             return -math.inf
         away = one - fit.theta
-        vague = 0.5 * float(np.sum((away[-3:] / _VAGUE_NOISE) ** 2))
+        vague = 0.5 * float(np.sum((away[-3:] / VAGUE_NOISE) ** 2))
         return -(problem.objective(one, fit.own + at.follow(away, 0.0)) + vague) / stretch**2
 
     reached = np.array([log_density(one) for one in theta])
@@ -218,8 +217,8 @@ def draw_laws(
     noise = _beside(fitted, away, generator.standard_normal((len(away), ALL_TERMS - TERMS)))
     theta = np.hstack([fitted.law.p + away, noise])
     theta = _moved(fitted, theta, stretch, admissible, generator)
-    told = [reading(0.0, k) @ one[:TERMS] for one, k in zip(theta, scales.tolist(), strict=True)]
-    return np.array(told).reshape(-1, TERMS), theta[:, TERMS:], 1.0 - len(drawn) / tried
+    told = np.einsum('nij,nj->ni', reading(0.0, scales), theta[:, :TERMS])
+    return told, theta[:, TERMS:], 1.0 - len(drawn) / tried
 
 
 def summary(

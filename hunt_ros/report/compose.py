@@ -271,7 +271,6 @@ class Report:
                 'Side by side',
                 self.alone and pick('compared') + comparison.comparison_table(self.alone),
             ),
-            ('together', 'What is known together', tables.correlations(one)),
             ('disturbance', 'Disturbance', words.disturbance(one)),
             ('response', 'Response at four speeds', panels),
             ('poincare', 'Either side of the critical speed', either_side),

@@ -211,23 +211,6 @@ def _as_published(value: float) -> str:
     return rounded(value, digits=digits)[0]
 
 
-def correlations(one: Identification) -> str:
-    """Table of the correlations of what was identified; what it is known to, together."""
-    entry = one.correlations()
-    if entry is None:
-        return f'<p>Correlations: {shown(one.why("correlations"))}.</p>'
-    names = [SYMBOLS[name] for name in entry['of']]
-    rows = [
-        [name, *('' if x is None else f'{x:+.2f}'.replace('-', '−') for x in row[: k + 1])]
-        for k, (name, row) in enumerate(zip(names, entry['matrix'], strict=True))
-    ]
-    caption = (
-        'Rank correlations of the forms that the data allow. Near ±1 only a combination of the '
-        'two is known well.'
-    )
-    return table(['', *names], [row + [''] * (len(names) + 1 - len(row)) for row in rows], caption)
-
-
 def fit_quality(one: Identification) -> str:
     """Table of how the normal form was fitted, and how well it fits."""
     fit, four = one.fit, one.four_point

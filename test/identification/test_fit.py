@@ -129,7 +129,6 @@ def test_a_recording_without_a_usable_piece_or_in_another_unit_breaks_nothing(ga
         restart=np.tile(np.arange(60) == 0, 2),
         blur=0.05,
         reach=0.2,
-        overlap=0.2,
         recording=run,
     )
     scales = GrowthScales(PAPER_NORMAL_FORM.critical_speed, 3e-3, 0.0485, 1.0 / 25.91, 2.84)
@@ -137,7 +136,7 @@ def test_a_recording_without_a_usable_piece_or_in_another_unit_breaks_nothing(ga
     prior = law_prior(scales, False)
     for sign in (1.0, -1.0, 0.0):
         start = np.concatenate([sign * law, [0.0, 0.0, -8.0, -9.0, -6.0]])
-        fit = learnt(fit_path(Problem(path, prior, (), usual_spread(path)), start, 20))
+        fit = learnt(fit_path(Problem(path, *prior, (), usual_spread(path)), start, 20))
         assert np.isfinite(fit.theta).all()
         assert np.isfinite(fit.own).all()
 

@@ -201,14 +201,14 @@ def test_no_coefficient_and_no_fold_without_support(outcome, name):
     assert document['v_n'] is None
     assert document['hysteresis_width'] is None
     assert document['coefficients']['D15'] is None
-    assert document['correlations'] is None  # no normal form
+    assert document['normal_form'] is None
     assert document['branches'] == []
 
 
 @pytest.mark.parametrize('name', ['one speed only', 'one speed only, two runs'])
 def test_that_there_is_one_speed_only_comes_before_other_reasons(outcome, name):
     unknown = outcome(name)['unknown']
-    for key in ('v_c', 'v_n', 'hysteresis_width', 'supercritical_probability', 'correlations'):
+    for key in ('v_c', 'v_n', 'hysteresis_width', 'supercritical_probability', 'normal_form'):
         assert unknown[key].startswith('one speed only'), key
 
 
@@ -330,8 +330,8 @@ CLAIMS = (
     (r'the rig is subcritical: it has', lambda d: d['criticality'] == 'subcritical'),
     (r'^lack of fit|has not converged|contradict|another way|falls through zero again',
      lambda d: d['fit']['lack_of_fit']),
-    (r'needs v_c and D1 of a normal form', lambda d: d['correlations'] is None),
-    (r'no normal form is given', lambda d: d['correlations'] is None),
+    (r'needs v_c and D1 of a normal form', lambda d: d['normal_form'] is None),
+    (r'no normal form is given', lambda d: d['normal_form'] is None),
     (r'no fold of the law lies near', lambda d: d['v_n'] is None),
     (r'too short: fewer than a few dozen', lambda d: d['v_c'] is None),
     (r'D1 cannot be known', lambda d: d['coefficients']['D1'] is None),

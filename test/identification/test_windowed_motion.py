@@ -9,7 +9,6 @@ from made import forced_mode
 from hunt_ros.dynamics.growth_law import lawful
 from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.trajectory_fit import (
-    LawPrior,
     Problem,
     fit_path,
     usual_spread,
@@ -17,7 +16,6 @@ from hunt_ros.identification.likelihood.trajectory_fit import (
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.record.envelope import (
     WINDOW_CYCLES,
-    WINDOW_OVERLAP,
     WINDOW_REACH,
     WINDOW_VARIANCE,
     envelope_of,
@@ -25,7 +23,7 @@ from hunt_ros.identification.record.envelope import (
 
 RATE_HZ, SECONDS, FREQUENCY_HZ, NOISE, UNIT = 100.0, 500.0, 2.75, 5e-6, 1e-4
 #: One growth rate, and nothing else of the law.
-PRIOR = LawPrior(lawful(np.zeros(6)), np.array([20.0, *np.zeros(9)]))
+PRIOR = np.append(lawful(np.zeros(6)), [0.0, 0.0]), np.array([20.0, *np.zeros(9), 3.0, 1.0])
 
 
 def quiet_motion(damping: float, rng: np.random.Generator) -> np.ndarray:
@@ -49,10 +47,9 @@ def damping_found(lateral: np.ndarray) -> float:
         np.arange(n) == 0,
         blur=WINDOW_VARIANCE * half**2,
         reach=WINDOW_REACH * half,
-        overlap=WINDOW_OVERLAP,
     )
     start = np.array([*lawful([-1.0, *np.zeros(5)]), 0.0, 0.0, -3.0, -9.0, -18.0])
-    return -float(fit_path(Problem(path, PRIOR, (), usual_spread(path)), start).law[0])
+    return -float(fit_path(Problem(path, *PRIOR, (), usual_spread(path)), start).law[0])
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ def everything(one: Identification) -> str:
     return ''.join(
         show(one)
         for show in (
-            tables.critical_speeds, tables.coefficients, tables.fit_quality, tables.correlations,
+            tables.critical_speeds, tables.coefficients, tables.fit_quality,
             tables.steady_states, tables.unknowns, words.lead,
             words.disturbance,
         )
@@ -70,7 +70,6 @@ def test_the_paper_stands_beside_its_own_rig_as_published() -> None:
         ('four_point', {'four_point': None}),
         ('coefficients.D15', {'coefficients': {'D1': Uncertain(0.1, 0.01)}}),
         ('disturbance_m', {'disturbance': None}),
-        ('correlations', {}),
     ],
 )
 def test_what_is_not_known_is_shown_with_its_reason_and_listed(

@@ -30,8 +30,6 @@ class Path:
         Variance of the window in which each phasor was measured, s^2.
     reach : float
         Mean distance of two instants of such a window, s.
-    overlap : float
-        Correlation of the noise of neighbouring windows, below 1/2.
     turn : float
         Angle by which the hunting turns in a step, rad.
     line : ndarray, shape (n,), optional
@@ -41,8 +39,6 @@ class Path:
         Of one recording whose speed is coarse: the hold.
     hold_std : float
         Standard deviation of the true speed of a hold about the coarse one, over v_ref; 0: fine.
-    extra : ndarray, shape (n,), optional
-        Growth rate beside the law's on the way to each instant, 1/s.
     """
 
     time: NDArray[np.float64]
@@ -51,12 +47,10 @@ class Path:
     restart: NDArray[np.bool_]
     blur: float = 0.0
     reach: float = 0.0
-    overlap: float = 0.0
     turn: float = math.inf
     line: NDArray[np.float64] | None = None
     recording: NDArray[np.int64] | None = None
     hold_std: float = 0.0
-    extra: NDArray[np.float64] | None = None
 
     @cached_property
     def recordings(self) -> list[Path]:

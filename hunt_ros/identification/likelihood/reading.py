@@ -20,53 +20,22 @@ def as_read(theta: Array, own: Array) -> Array:
 
     Parameters
     ----------
-    theta : ndarray, shape (15,)
+    theta : ndarray, shape (..., 15 + cells)
         Law and noise of the rig, as in `path_likelihood.innovations`.
-    own : ndarray, shape (5,)
+    own : ndarray, shape (..., 5)
         What the recording has of its own.
 
     Returns
     -------
-    ndarray, shape (15,)
+    ndarray, shape (..., 15 + cells)
     """
-    gain, speed, shift, push, noise = own.tolist()
-    read: Array = theta.copy()
-    read[0] -= shift * theta[1]
-    read[:TERMS] = reading(gain, speed) @ read[:TERMS]
-    by_speed, by_power = theta[TERMS : TERMS + 2]
+    read: Array = np.broadcast_to(theta, (*own.shape[:-1], theta.shape[-1])).copy()
+    gain, speed, shift, push, noise = np.moveaxis(own, -1, 0)
+    read[..., 0] -= shift * read[..., 1]
+    read[..., :TERMS] = np.einsum('...ij,...j->...i', reading(gain, speed), read[..., :TERMS])
     faster = np.expm1(speed)
-    read[TERMS:-1] = (
-        by_speed * (1.0 + faster),
-        by_power * np.exp(-2.0 * gain),
-        theta[TERMS + 2] + by_speed * faster + 2.0 * gain + push,
-        theta[TERMS + 3] + noise,
-    )
+    read[..., TERMS + 2] += read[..., TERMS] * faster + 2.0 * gain + push
+    read[..., TERMS + 3] += noise
+    read[..., TERMS] *= 1.0 + faster
+    read[..., TERMS + 1] *= np.exp(-2.0 * gain)
     return read
-
-
-def derivatives(theta: Array, own: Array) -> Array:
-    """
-    Return the derivatives of `as_read` by theta and by what the recording has.
-
-    Parameters
-    ----------
-    theta, own : ndarray, shape (15,) and (5,)
-        As for `as_read`.
-
-    Returns
-    -------
-    ndarray, shape (15, 15 + 5)
-    """
-    matrix = np.zeros((theta.size, theta.size + OWN))
-    matrix[:TERMS, :TERMS] = reading(own[0], own[1])
-    matrix[:TERMS, 1] -= own[2] * matrix[:TERMS, 0]
-    faster = np.expm1(own[1])
-    noise = np.arange(TERMS, theta.size)
-    matrix[noise, noise] = 1.0 + faster, np.exp(-2.0 * own[0]), 1.0, 1.0, 1.0
-    matrix[TERMS + 2, TERMS] = faster
-    for k in range(OWN):
-        step = 1e-6 * np.eye(OWN)[k]
-        matrix[:, theta.size + k] = (
-            as_read(theta, own + step) - as_read(theta, own - step)
-        ) / 2e-6
-    return matrix

@@ -12,33 +12,29 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hunt_ros.dynamics.covariance_root import inverse_of
-from hunt_ros.dynamics.growth_law import FELT, PAPER_TERMS, SATURATION, TERMS
+from hunt_ros.dynamics.growth_law import FELT, SATURATION, TERMS
 from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.likelihood.path_likelihood import (
     ALL_TERMS,
     NOISE_TERMS,
-    by_growth,
     innovations,
-    sensitivities,
 )
-from hunt_ros.identification.likelihood.reading import OWN, as_read, derivatives
+from hunt_ros.identification.likelihood.reading import OWN, as_read
 
 Array = NDArray[np.float64]
 #: A prior: function of the law's coefficients, expected value, standard deviation.
 Prior = tuple[Callable[[Array], float], float, float]
 
-#: Standard deviations of the prior on d ln Q / du, forcing that rises with a power of v, and on
-#: d ln Q / dw; and where they end. The amplitude of a limit cycle beats with the lines of the
-#: roller, and what is left of that looks like forcing that grows with the amplitude: where it may
-#: not be, the quiet motion gets the same forcing, and the law bends to explain the beat.
-_SLOPES = np.array([3.0, 1.0])
+#: Largest d ln Q / du, forcing that rises with a power of v, and d ln Q / dw.
 _STEEPEST = np.array([9.0, 2.0])
+#: Deviation of ln Q, ln R and ln phase noise from what they were found to be, at most: a factor
+#: of three. Of noise too small to be seen nothing else says it.
+VAGUE_NOISE = 1.1
 #: Gain of the log likelihood below which a fit stands: a thirtieth of a deviation.
 _GAIN = 1e-3
 #: Largest share of the roller's line that the wheelset may feel: a line acts as it is seen, or
@@ -49,31 +45,17 @@ _MOST_FELT = 3.0
 _REACHED = 0.05
 #: Least ln Q, ln R, ln phase noise of a start that follows no path with less, one after the other.
 _BROADER = -9.0, -6.0, -3.0, 0.0
-#: Bounds of ln Q, ln R, ln phase noise: beyond them nothing changes any more.
-_LOG_LOW, _LOG_HIGH = -32.0, 5.0
 #: Spreads of what recordings have of their own that are tried, the least of them none at all,
 #: and the scale on which a larger one is less likely beforehand.
 SPREADS = np.array([1.0, 1.0, 1.0, 100.0, 100.0])[:, None] * np.geomspace(1e-4, 0.1, 19)
 USUAL = np.array([0.02, 0.01, 0.01, 1.0, 1.0])
+#: Step of the parameters by which derivatives are taken, in widths of what is known beforehand:
+#: the root of the error of rounding.
+_DIFFERENCE = float(np.sqrt(np.finfo(np.float64).eps))
 #: Farthest of these that a step of the fit tries: no two recordings of one rig differ by as much.
 _FARTHEST = np.array([3.0, 3.0, 3.0, 30.0, 30.0])
 #: Added to matrices of unit diagonal before they are solved.
 _RIDGE = 1e-13
-
-
-@dataclass(frozen=True, eq=False)
-class LawPrior:
-    """
-    What is known of the law's coefficients before the data are seen: independent normal numbers.
-
-    Parameters
-    ----------
-    mean, std : ndarray, shape (10,)
-        1/s; a coefficient with std 0 is held at its mean.
-    """
-
-    mean: Array
-    std: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,30 +147,16 @@ class Problem:
     """
     What is maximised: the likelihood of a path with what is known beforehand.
 
-    Coefficients whose `prior` has no deviation are held; `priors` say what is known from
-    elsewhere; `spread`, shape (5,), has standard deviations of what recordings have of their own.
+    `mean` and `std`, shape (12,), are those of independent normal priors on the law and on how the
+    forcing changes; what has no deviation is held. `priors` say what is known from elsewhere;
+    `spread`, shape (5,), has standard deviations of what recordings have of their own.
     """
 
     path: Path
-    prior: LawPrior
+    mean: Array
+    std: Array
     priors: Sequence[Prior]
     spread: Array
-
-    @cached_property
-    def mean(self) -> Array:
-        """Means of the priors of the law and of how the forcing changes."""
-        return np.concatenate([self.prior.mean, np.zeros(_SLOPES.size)])
-
-    @cached_property
-    def std(self) -> Array:
-        """Their standard deviations."""
-        return np.concatenate([self.prior.std, _SLOPES])
-
-    @property
-    def varied(self) -> NDArray[np.bool_]:
-        """Parameters that are not held at the mean of their prior, shape (15,)."""
-        varied: NDArray[np.bool_] = np.concatenate([self.std > 0.0, np.ones(3, dtype=bool)])
-        return varied
 
     def allowed(self, theta: Array) -> bool:
         """Whether no parameter is beyond its bounds."""
@@ -196,9 +164,14 @@ class Problem:
         return bool(((theta >= low) & (theta <= high)).all())
 
     @property
+    def widths(self) -> Array:
+        """How far each parameter may go, shape (15,); 0 for what is held."""
+        return np.concatenate([self.std, np.full(3, VAGUE_NOISE)])
+
+    @property
     def told(self) -> NDArray[np.int64]:
         """Parameters with a normal prior of their own."""
-        return np.flatnonzero(self.std > 0.0)
+        return np.flatnonzero(self.std)
 
     def away(self, theta: Array) -> Array:
         """Distance of these from the means of their priors, in deviations."""
@@ -224,8 +197,8 @@ class Problem:
     def objective(self, theta: Array, own: Array) -> float:
         """Negative log posterior."""
         parts = [
-            innovations(as_read(theta, one), part)
-            for one, part in zip(own, self.path.recordings, strict=True)
+            innovations(read, part)
+            for read, part in zip(as_read(theta, own), self.path.recordings, strict=True)
         ]
         return self.value(theta, own, np.concatenate(parts))
 
@@ -238,51 +211,46 @@ class Problem:
         Behind the parameters stand growth rates beside the law's, one for each of `cells`, shape
         (n,): the number of that which leads to an instant, or -1.
         """
-        if cells is None:
-            cells = np.full(self.path.time.size, -1)
-        count, parts = int(cells.max()) + 1, self.path.recordings
+        count, parts = 0 if cells is None else int(cells.max()) + 1, self.path.recordings
         n, ends = theta.size + count, np.cumsum([part.time.size for part in parts])
-        kept = np.delete(np.arange(n + OWN), np.arange(theta.size, n))
+        places = [None] * len(parts) if cells is None else np.split(cells, ends[:-1])
+        step = _DIFFERENCE * np.concatenate(
+            [self.widths, np.full(count, self.std[0]), USUAL * self.differ]
+        )
+        varied = np.flatnonzero(step)
+        beside = np.vstack([np.zeros(step.size), np.diag(step)[varied]])
         base, scores, information = [], [], np.zeros((n, n))
         slopes, blocks = np.zeros((len(parts), OWN)), np.tile(np.eye(OWN), (len(parts), 1, 1))
         cross = np.zeros((len(parts), n, OWN))
-        for r, (one, part, inside) in enumerate(
-            zip(own, parts, np.split(cells, ends[:-1]), strict=True)
-        ):
-            read, way = as_read(theta, one), np.eye(n, n + OWN)
-            out, by_read = sensitivities(read, part, self.varied)
-            by_read = np.concatenate([by_read, by_growth(read, part, inside, count)])
-            way[: theta.size, kept] = derivatives(theta, one)
-            way[: theta.size, : theta.size] *= self.varied
-            # Chain rule on the sums over windows: what a window says is never widened itself.
-            e, d_e, d_l = out[:, :2], by_read[..., :2], by_read[..., 2:]
-            point = (-np.einsum('jnc,nc->j', d_e, e) - 0.5 * d_l.sum(axis=(1, 2))) @ way
-            wide = d_l.reshape(n, -1)
+        for r, (one, part, inside) in enumerate(zip(own, parts, places, strict=True)):
+            points = np.concatenate([theta, np.zeros(count), one]) + beside
+            out = innovations(as_read(points[:, :n], points[:, n:]), part, inside)
+            point, whole = np.zeros(step.size), np.zeros((step.size, step.size))
             with np.errstate(over='ignore', invalid='ignore'):  # of a law that runs away
-                mean = (d_e + 0.5 * e[None] * d_l).reshape(n, -1)
-                whole = way.T @ (mean @ mean.T + 0.5 * wide @ wide.T) @ way
+                by = (out[1:] - out[0]) / step[varied, None, None]
+                e, d_e, d_l = out[0, :, :2], by[..., :2], by[..., 2:]
+                point[varied] = -np.einsum('jnc,nc->j', d_e, e) - 0.5 * d_l.sum(axis=(1, 2))
+                mean, wide = (x.reshape(varied.size, -1) for x in (d_e + 0.5 * e * d_l, d_l))
+                # Not by the threads of a matrix product: they wait longer than they work.
+                squares = [np.einsum('ik,jk->ij', x, x) for x in (mean, wide)]
+                whole[np.ix_(varied, varied)] = squares[0] + 0.5 * squares[1]
             if self.differ:
                 slopes[r] = point[n:] - one / self.spread**2
                 blocks[r] = whole[n:, n:] + np.diag(self.spread**-2)
                 cross[r] = whole[:n, n:]
             scores.append(point[:n])
             information += whole[:n, :n]
-            base.append(out)
-        k, gradient = self.told, np.sum(scores, axis=0)
-        gradient[k] -= self.away(theta) / self.std[k]
-        information[k, k] += 1.0 / self.std[k] ** 2
-        law = theta[:TERMS]
+            base.append(out[0])
+        gradient, k = np.sum(scores, axis=0), np.flatnonzero(self.widths)
+        gradient[self.told] -= self.away(theta) / self.std[self.told]
+        information[k, k] += 1.0 / self.widths[k] ** 2
         for function, expected, std in self.priors:
-            slope = np.zeros(n)
-            for j in range(PAPER_TERMS):
-                h = 1e-5 * max(abs(law[j]), 0.1)
-                above, below = law.copy(), law.copy()
-                above[j] += h
-                below[j] -= h
-                slope[j] = (function(above) - function(below)) / (2.0 * h)
+            values = np.array([function(theta[:TERMS] + x[:TERMS]) for x in beside])
+            slope = np.zeros(step.size)
+            slope[varied] = (values[1:] - values[0]) / step[varied]
             if np.isfinite(slope).all():
-                gradient -= slope * (function(law) - expected) / std**2
-                information += np.outer(slope, slope) / std**2
+                gradient -= slope[:n] * (values[0] - expected) / std**2
+                information += np.outer(slope[:n], slope[:n]) / std**2
         joined = np.concatenate(base)
         value = self.value(theta, own, joined)
         return _Expansion(
@@ -325,8 +293,8 @@ def _bounds() -> tuple[Array, Array]:
     """Lowest and highest value of each parameter; the law itself has no bounds."""
     high = np.full(ALL_TERMS, np.inf)
     low = -high
-    low[-NOISE_TERMS:] = *(-_STEEPEST), *np.full(3, _LOG_LOW)
-    high[-NOISE_TERMS:] = *_STEEPEST, *np.full(3, _LOG_HIGH)
+    high[TERMS : TERMS + 2] = _STEEPEST
+    low[TERMS : TERMS + 2] = -_STEEPEST
     low[FELT], high[FELT] = 0.0, _MOST_FELT
     low[SATURATION] = 0.0
     return low, high
@@ -387,11 +355,10 @@ def fit_path(
     Fisher scoring with Levenberg's damping; the likelihood is that of the extended Kalman
     filter (Ljung, L., System Identification, 1999, Sect. 7.4).
     """
-    prior = problem.prior
     low, high = _bounds()
     theta = np.array(start, dtype=np.float64)
-    held = np.flatnonzero(prior.std == 0.0)
-    theta[held] = prior.mean[held]
+    held = np.flatnonzero(problem.std == 0.0)
+    theta[held] = problem.mean[held]
     theta = np.clip(theta, low, high)
     own = np.zeros((len(problem.path.recordings), OWN)) if own is None else own
     current = problem.expand(theta, own)
@@ -409,13 +376,13 @@ def fit_path(
         for _ in range(12):
             gradient, information = current.reduced(damping)
             # What a bound holds stays there: a step that is cut at a bound leads nowhere.
-            free = _free(theta, gradient) & problem.varied
+            free = _free(theta, gradient) & (problem.widths > 0.0)
             block = information[np.ix_(free, free)]
             matrix = block + damping * np.diag(np.maximum(np.diag(block), 1e-9))
             step = np.zeros(theta.size)
             step[free] = np.linalg.solve(matrix, gradient[free])
             # A law an order away from the last one has left the hill it was climbing.
-            size = np.maximum(np.abs(theta[:SATURATION]), 0.05 * prior.std[:SATURATION])
+            size = np.maximum(np.abs(theta[:SATURATION]), 0.05 * problem.std[:SATURATION])
             longest = np.max(np.abs(step[:SATURATION]) / np.where(size > 0.0, size, np.inf))
             step *= min(1.0, 0.7 / longest) if longest > 0.0 else 1.0
             step[-3:] = np.clip(step[-3:], -3.0, 2.0)

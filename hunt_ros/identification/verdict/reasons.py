@@ -26,7 +26,7 @@ _NONE_STAYED = 'no motion as large as a limit cycle died, or none stayed'
 
 #: Reasons where no condition of a quantity failed, by the key of the JSON or its beginning.
 _USUAL: Mapping[str, str] = {
-    **dict.fromkeys(('v_c', 'coefficients', 'criticality', 'correlations'), _FEW_DRAWS),
+    **dict.fromkeys(('v_c', 'coefficients', 'criticality', 'normal_form'), _FEW_DRAWS),
     'hysteresis_below': 'some of the laws that the data allow have a hysteresis without end',
     **dict.fromkeys(('v_n', 'fold_amplitude_m', 'hysteresis_width', 'disturbance_m'), _NO_FOLD),
     'branches': 'at some speeds the law has no such limit cycle',

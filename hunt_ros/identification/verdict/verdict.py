@@ -68,7 +68,7 @@ _NEEDS: Mapping[str, tuple[str, ...]] = {
     'criticality': _SHAPE,
     'supercritical_probability': ('speeds', 'critical', *_ONSET, 'small'),
     'hysteresis_below': ('speeds', 'critical', *_ONSET, 'small', 'agree', 'fits'),
-    'correlations': (*_CUBIC, 'limited', 'agree', 'fits'),
+    'normal_form': (*_CUBIC, 'limited', 'agree', 'fits'),
     **dict.fromkeys(('v_n', 'fold_amplitude_m'), _FOLD),
     'disturbance_m': (*_FOLD, 'small'),
     'hysteresis_width': ('speeds', 'critical', *_FOLD, 'small'),
@@ -175,7 +175,7 @@ def conclude(
         name: None if why[name] else number
         for name, number in posterior.numbers(speed_std).items()
     }
-    form = None if why['correlations'] else posterior.identified(speed_std)
+    form = None if why['normal_form'] else posterior.identified(speed_std)
     criticality = None if why['criticality'] else best.law.criticality
     if (bracket := evidence.bracket).coexistence:
         criticality = 'subcritical'

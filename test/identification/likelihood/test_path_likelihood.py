@@ -9,8 +9,10 @@ from made import SCALES
 
 from hunt_ros.dynamics.growth_law import FELT, GrowthLaw, lawful
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
+from hunt_ros.identification.fit import law_prior
 from hunt_ros.identification.likelihood.path import Path
-from hunt_ros.identification.likelihood.path_likelihood import innovations, sensitivities
+from hunt_ros.identification.likelihood.path_likelihood import innovations
+from hunt_ros.identification.likelihood.trajectory_fit import Problem, usual_spread
 
 LAW = made.LAW.p
 QUIET = np.array([0.0, 0.0, -30.0, -12.0, -20.0])
@@ -78,21 +80,6 @@ def test_innovations_are_white_and_of_unit_variance_under_the_true_law():
     assert abs(np.mean(out[1:, 0] * out[:-1, 0])) < 0.02
 
 
-def test_noise_shared_by_overlapping_windows_is_told_from_motion():
-    rng = np.random.default_rng(4)
-    n, step, noise, shared = 20_000, 0.5, 2e-3, 0.1
-    white = rng.standard_normal((n + 1, 2)) @ np.array([1.0, 1.0j])
-    size = noise / np.sqrt(1.0 + shared**2)
-    seen = 0.1 + size * (white[1:] + shared * white[:-1])
-    path = steady_path(seen, step, overlap=shared / (1.0 + shared**2))
-    theta = np.array([*lawful(np.zeros(6)), 0, 0, -32.0, 2 * np.log(noise), -32.0])
-    out = innovations(theta, path)[10:, :2]
-    assert out.std(axis=0) == pytest.approx([1.0, 1.0], abs=0.02)
-    assert abs(np.mean(out[1:, 0] * out[:-1, 0])) < 0.02
-    apart = innovations(theta, replace(path, overlap=0.0))[10:, :2]
-    assert np.mean(apart[1:, 0] * apart[:-1, 0]) > 0.07
-
-
 @pytest.mark.parametrize('more', [(), (0.3, 0.4, 0.2)], ids=['paper', 'further terms'])
 @pytest.mark.parametrize('felt', [1.0, 0.6])
 def test_a_line_beside_hunting_acts_in_the_likelihood_as_in_the_law(more, felt):
@@ -117,7 +104,7 @@ def test_a_line_beside_hunting_acts_in_the_likelihood_as_in_the_law(more, felt):
     assert np.abs(without[:, 0]).max() > 0.05
 
 
-def test_the_derivatives_are_those_of_the_innovations():
+def test_of_what_walks_side_by_side_small_differences_are_right():
     rng = np.random.default_rng(0)
     n = 120
     restart = np.zeros(n, dtype=bool)
@@ -132,22 +119,46 @@ def test_the_derivatives_are_those_of_the_innovations():
         restart,
         blur=0.03,
         reach=0.2,
-        overlap=0.09,
         turn=9.4,
         line=0.01 * (1.0 + np.cos(np.arange(n) / 9.0)),
     )
     law = LAW.copy()
     law[6:] = 0.3, 0.4, 0.2, 0.8
     theta = np.concatenate([law, [0.3, -0.2, -4.0, -7.0, -5.0]])
-    out, by = sensitivities(theta, path, np.ones(theta.size, dtype=bool))
-    np.testing.assert_allclose(out, innovations(theta, path), rtol=1e-12)
-    for j in range(theta.size):
-        step = np.zeros(theta.size)
-        step[j] = 1e-5 * max(abs(theta[j]), 0.1)
-        slope = (innovations(theta + step, path) - innovations(theta - step, path)) / 2.0
-        # Where a step of the integration more is taken the difference is off by its error.
-        np.testing.assert_allclose(by[j], slope / step[j], rtol=1e-4, atol=1e-5)
-    some, few = sensitivities(theta, path, np.arange(theta.size) == 5)
-    np.testing.assert_array_equal(some, out)
-    np.testing.assert_array_equal(few[5], by[5])
-    assert not few[np.arange(theta.size) != 5].any()
+    small, large = (k * np.maximum(np.abs(theta), 0.1) for k in (1e-8, 1e-5))
+    rows = [
+        innovations(theta + np.vstack([0.0 * x, np.diag(x)]), path) for x in (small, large, -large)
+    ]
+    np.testing.assert_array_equal(rows[0][0], innovations(theta, path))
+    by = (rows[0][1:] - rows[0][0]) / small[:, None, None]
+    slope = (rows[1][1:] - rows[2][1:]) / (2.0 * large[:, None, None])
+    np.testing.assert_allclose(by, slope, rtol=1e-4, atol=1e-5)
+
+
+def two_recordings() -> Problem:
+    """The likelihood of two recordings, the second one with a gain of its own."""
+    paths = [path_of(7.2, start, count=40).phasor for start in (3e-4, 2.2e-4)]
+    rng = np.random.default_rng(1)
+    noise = 3e-3 * rng.standard_normal((80, 2)) @ np.array([1.0, 1.0j])
+    time, recording = 0.5 * np.tile(np.arange(40), 2), np.repeat([0, 1], 40)
+    seen = np.concatenate([paths[0], 1.02 * paths[1]]) + noise
+    path = Path(time, np.full(80, -0.1), seen, time == 0.0, recording=recording)
+    return Problem(path, *law_prior(SCALES, False), [], usual_spread(path))
+
+
+def test_the_expansion_is_that_of_the_likelihood():
+    problem = two_recordings()
+    theta = np.concatenate([LAW, [0.3, -0.2, -8.0, -11.0, -9.0]])
+    own = np.array([[0.01, 0.002, -0.003, 0.2, 0.1], [-0.01, 0.0, 0.004, -0.1, -0.3]])
+    at = problem.expand(theta, own)
+    slope = np.zeros(theta.size)
+    for j in np.flatnonzero(problem.widths):
+        step = 1e-5 * problem.widths[j] * np.eye(theta.size)[j]
+        away = problem.objective(theta - step, own) - problem.objective(theta + step, own)
+        slope[j] = away / (2.0 * step[j])
+    np.testing.assert_allclose(at.gradient, slope, rtol=1e-3, atol=1e-2)
+    for place in np.ndindex(own.shape):
+        step = np.zeros(own.shape)
+        step[place] = 1e-6
+        away = problem.objective(theta, own - step) - problem.objective(theta, own + step)
+        assert at.own_slope[place] == pytest.approx(away / 2e-6, rel=1e-3, abs=1e-2)

@@ -54,7 +54,7 @@ def judged(count: int, beside: Callable[[float, Array], Array] | None = None) ->
     for phasor in seen.T:
         first = np.arange(phasor.size) == 0
         path = Path(STEP * np.arange(phasor.size), HOLDS / SCALES.speed - 1.0, phasor, first)
-        fit = fit_path(Problem(path, prior, (), usual_spread(path)), start)
+        fit = fit_path(Problem(path, *prior, (), usual_spread(path)), start)
         found.append(lack_of_fit(FittedLaw(GrowthLaw(fit.law, SCALES), fit)))
     return found
 
