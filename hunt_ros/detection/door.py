@@ -144,9 +144,9 @@ class Door:
         for moved, channel in self.channels.items():
             back = False
             while (stamp := channel.returned_ns()) is not None and self._is_time(stamp, channel):
-                channel.rejoin()
-                back = True
-            if moved in before and (back or moved == name):
+                place, back = channel.rejoin(), True
+                before[moved] = min(before.get(moved, place), place)
+            if channel.silent and (back or moved == name):
                 channel.drop(before[moved], len(channel.queues[0].stamps), LATE)
             elif self.position_ns is not None:  # what lies behind it has come too late
                 end = bisect_right(channel.queues[0].stamps, self.position_ns)

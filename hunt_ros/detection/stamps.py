@@ -349,11 +349,15 @@ class Channel:
             return None
         return newest, new.stamps[0], new.stamps[place - 1], new.stamps[place]
 
-    def rejoin(self) -> None:
-        """Go on in the present epoch after a leap, without the samples taken in it."""
+    def rejoin(self) -> int:
+        """
+        Go on in the present epoch after a leap, without the samples taken in it.
+
+        Returns how many wait that came before it.
+        """
         leap = self._leap()
         if leap is None:
-            return
+            return len(self.queues[0].stamps)
         before, _, last, after = leap
         (old, new), ahead = self.queues[:2], last > after
         begin = end = len(old.stamps)
@@ -363,6 +367,7 @@ class Channel:
             end += bisect_right(new.stamps, before)
         old.extend(self.queues.pop(1))
         self.drop(begin, end, AHEAD if ahead else BACKWARD)
+        return begin
 
     def go_on_from(self, position_ns: int | None, shift_ns: int) -> None:
         """Go on after a position with stamps of another offset; drop what waits."""

@@ -173,6 +173,21 @@ def test_a_channel_silent_while_the_clock_was_set_back_is_back_with_the_others(
     assert found.level_rows.total() * found.period_ns / 1e9 == pytest.approx(20.0, abs=0.1)
 
 
+@pytest.mark.parametrize('ahead_s', [3.0, 9.0])
+def test_a_live_run_in_which_a_clock_leapt_ahead_for_a_while_is_repeated(
+    recorded, ahead_s
+) -> None:
+    record = recorded(7.2, 14.0)
+    stamps = record['yaw'].stamps_ns
+    leaps = (stamps > 6_000_000_000) & (stamps < 8_000_000_000)
+    moved = stamps + np.where(leaps, round(ahead_s * 1e9), 0)
+    spoilt = {**record, 'yaw': Series(moved, record['yaw'].values)}
+    rig = Fed(HuntingDetector(DetectorConfig(), PAPER))
+    for _ in rig.play(spoilt, range(_TICK_NS, 15_000_000_000, _TICK_NS), {'yaw': stamps}):
+        pass
+    rig.assert_replayed()
+
+
 @pytest.mark.parametrize('name', ['yaw', 'speed'])
 def test_a_channel_whose_clock_alone_was_set_back_is_not_put_beside_the_others(
     recorded, name: str
