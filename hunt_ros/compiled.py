@@ -20,7 +20,6 @@ import getpass
 import hashlib
 import os
 import pickle
-import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -198,10 +197,11 @@ def compile_all() -> int:
             codes = [process.wait() for process in work]
             if any(codes):
                 raise CalledProcessError(1, 'hunt compile')
-        _write(f'all.{_TAG}.{_sources()}.complete', '\n'.join(files.values()).encode())
-        for path in (_PACKAGE / 'machine_code').glob(f'{_NAME}.*.{_TAG}.*.code'):
-            # Of a kernel that is gone: a wheel would carry it on.
-            if path.name not in files.values():
+        complete = f'all.{_TAG}.{_sources()}.complete'
+        folder = _write(complete, '\n'.join(files.values()).encode())
+        for path in folder.glob(f'*.{_TAG}.*'):
+            # Of a kernel that is gone, or was another one: a wheel would carry it on.
+            if path.name not in (complete, *files.values()):
                 path.unlink(missing_ok=True)
     return len(missing)
 
@@ -305,18 +305,16 @@ def _find(name: str) -> Path | None:
     return next((path for folder in _folders() if (path := folder / name).exists()), None)
 
 
-def _write(name: str, content: bytes) -> None:
-    """Keep a file whole, in the first folder that takes it; what it replaces goes."""
+def _write(name: str, content: bytes) -> Path:
+    """Keep a file whole, in the first folder that takes it; return that."""
     for folder in _folders():
         try:
             folder.mkdir(parents=True, exist_ok=True)
             handle, part = tempfile.mkstemp(prefix='.', dir=folder)
             with open(handle, 'wb') as file:
                 file.write(content)
-            for old in folder.glob(re.sub(r'\.[^.]*(\.\w+)$', r'.*\1', name)):
-                old.unlink(missing_ok=True)
             os.replace(part, folder / name)
-            return
+            return folder
         except OSError:
             continue
     raise OSError(f'nothing can be written in {", ".join(map(str, _folders()))}')

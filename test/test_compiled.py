@@ -320,7 +320,7 @@ def test_compiling_does_not_run_the_program_that_asks_once_more(tmp_path) -> Non
             compiled.is_complete = lambda: False
             compiled._kernel_files = list
             compiled._find = lambda name: None
-            compiled._write = lambda name, content: None
+            compiled._write = lambda name, content: compiled._PACKAGE
             compiled._sources = str
             compiled._TAG = 'none'  # no kernel is gone
             print(compiled.compile_all(), 'compiled')

@@ -11,6 +11,7 @@ Both on the machine as it is, and with a busy loop beside for every core.
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 import sys
 import tempfile
@@ -26,7 +27,7 @@ from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 from tables import asked, markdown, publish
 
-from hunt_ros.cli.support.processes import private_domain
+from hunt_ros.cli.support.processes import claim_domain
 from hunt_ros.nodes.support.conversions import diagnostic, read_diagnostic
 from hunt_ros.nodes.support.qos import STATUS, latched
 
@@ -149,11 +150,11 @@ def main() -> None:
     rows: list[list[object]] = []
     loops: list[subprocess.Popen[bytes]] = []
     with (
+        socket.socket(socket.AF_UNIX) as claim,
         tempfile.TemporaryDirectory() as folder,
         open(os.devnull, 'wb') as nowhere,
     ):
-        domain, _held = private_domain()
-        os.environ['ROS_DOMAIN_ID'] = str(domain)
+        os.environ['ROS_DOMAIN_ID'] = str(claim_domain(claim))
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
         profile = Path(folder) / 'hold.yaml'
         profile.write_text('profile: [{hold: {speed_mps: 6.0, duration_s: 600000}}]')

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -23,7 +24,7 @@ from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.signals import SignalHandlerOptions  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
-from hunt_ros.cli.support.processes import private_domain  # noqa: E402
+from hunt_ros.cli.support.processes import claim_domain  # noqa: E402
 from hunt_ros.cli.support.suite import free_port  # noqa: E402
 from hunt_ros.compiled import compile_all  # noqa: E402
 from hunt_ros.nodes.support.caller import INTRODUCED_S  # noqa: E402
@@ -204,12 +205,11 @@ def _machine_code() -> None:
 @pytest.fixture
 def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """Enter a ROS domain that no other test, and no demo, on this machine is in."""
-    number, held = private_domain()
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(number))
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    yield number
-    if held is not None:
-        held.close()
+    with socket.socket(socket.AF_UNIX) as claim:
+        number = claim_domain(claim)
+        monkeypatch.setenv('ROS_DOMAIN_ID', str(number))
+        monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        yield number
 
 
 @pytest.fixture

@@ -5,16 +5,15 @@ from __future__ import annotations
 import contextlib
 import json
 import random
+import socket
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from socket import socket
 from typing import Any
 
 from hunt_ros.errors import HuntError
-from hunt_ros.suite import hold
 
 
 @dataclass(frozen=True)
@@ -65,22 +64,26 @@ def for_ros(text: str) -> str:
     return text
 
 
-def private_domain() -> tuple[int, socket | None]:
+def claim_domain(claim: socket.socket) -> int:
     """
     Choose a ROS domain in which no other private run on this machine is.
+
+    Parameters
+    ----------
+    claim : socket
+        Of the Unix family, new; the domain is claimed until it is closed.
 
     Returns
     -------
     int
         1 to 100: higher numbers take ports that any program may get.
-    socket or None
-        Holds it until it is closed; None where all are taken.
     """
     numbers = random.SystemRandom().sample(range(1, 101), 100)
     for number in numbers:
         with contextlib.suppress(OSError):
-            return number, hold('a private run', number)
-    return numbers[0], None
+            claim.bind(f'\0hunt_ros private domain {number}')  # a name without a file
+            return number
+    return numbers[0]  # all are taken, or this system has no such names
 
 
 def ask(spec: NodeSpec, namespace: str) -> dict[str, Any]:

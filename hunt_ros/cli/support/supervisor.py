@@ -16,6 +16,7 @@ import ctypes
 import math
 import os
 import signal
+import socket
 import subprocess
 import threading
 import time
@@ -29,7 +30,7 @@ from queue import Queue
 from types import FrameType, MappingProxyType
 from typing import IO, Any
 
-from hunt_ros.cli.support.processes import NodeSpec, private_domain, require_ros
+from hunt_ros.cli.support.processes import NodeSpec, claim_domain, require_ros
 from hunt_ros.compiled import compile_all
 from hunt_ros.drivers.alarm_output import AlarmOutput, Condition
 from hunt_ros.errors import HuntError, one_line
@@ -165,8 +166,8 @@ class Supervisor:
         self._files: list[IO[bytes]] = []  # parameter files as they were at the start
         self.environment = dict(os.environ)
         if private:
-            domain, self._held = private_domain()
-            self.environment['ROS_DOMAIN_ID'] = str(domain)
+            self._claim = socket.socket(socket.AF_UNIX)
+            self.environment['ROS_DOMAIN_ID'] = str(claim_domain(self._claim))
             self.environment['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
             if os.environ.get('ROS_DISTRO') == 'humble':
                 self.environment['ROS_LOCALHOST_ONLY'] = '1'  # newer ones warn about it
