@@ -74,7 +74,8 @@ class Graph:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
 
-    def start(self, module: str, *files: Path, **parameters: object) -> subprocess.Popen[str]:
+    @staticmethod
+    def _words(module: str, *files: Path, **parameters: object) -> list[str]:
         words = [sys.executable, '-m', 'hunt_ros.nodes.entry', module, '--ros-args']
         words += ['-r', '__ns:=/rig']
         for path in files:
@@ -82,9 +83,12 @@ class Graph:
         for name, value in parameters.items():
             text = str(value).lower() if isinstance(value, bool) else str(value)
             words += ['-p', f'{name}:={text}']
+        return words
+
+    def start(self, module: str, *files: Path, **parameters: object) -> subprocess.Popen[str]:
         with self.log(module).open('w') as log:
             process = subprocess.Popen(
-                words,
+                self._words(module, *files, **parameters),
                 stdin=subprocess.PIPE,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -93,6 +97,16 @@ class Graph:
             )
         self._processes[module] = process
         return process
+
+    def orphan(self, module: str, speaks: Callable[[], object], **parameters: object) -> int:
+        """Start a node whose starter dies once it speaks, interrupt it, and return its process."""
+        starter = ['sh', '-c', '"$@" & echo $!; wait', 'sh', *self._words(module, **parameters)]
+        with subprocess.Popen(starter, stdout=subprocess.PIPE, text=True) as started:
+            node = int(started.stdout.readline())
+            self.spin_until(speaks, 60.0)
+            started.kill()
+            os.kill(node, signal.SIGINT)
+        return node
 
     def profile(self, *steps: str) -> Path:
         """Write a speed profile of these steps, and return its file."""

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
-
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 
@@ -129,15 +124,8 @@ def test_an_acknowledgement_silences_the_sound_and_nothing_else(
 def test_it_calls_where_what_started_it_has_died(graph, called) -> None:
     """Then every node is interrupted, and this one is the last who can."""
     calls = called()
-    words = [sys.executable, '-m', 'hunt_ros.nodes.entry', 'alarm_outputs', '--ros-args']
-    words += ['-r', '__ns:=/rig', '-p', f'command:={calls.program}']
     health = graph.told()
-    starter = ['sh', '-c', '"$@" & echo $!; wait', 'sh', *words]
-    with subprocess.Popen(starter, stdout=subprocess.PIPE, text=True) as started:
-        node = int(started.stdout.readline())
-        graph.spin_until(lambda: health)
-        started.kill()
-        os.kill(node, signal.SIGINT)
+    graph.orphan('alarm_outputs', lambda: health, command=calls.program)
     graph.spin_until(calls)
     assert calls() == ['doubt: what started the nodes has died: nobody watches the rig any more']
 

@@ -59,17 +59,13 @@ def test_a_replay_refuses_another_and_a_stopped_one_goes_on_where_it_was(graph) 
 
 def test_a_recording_of_simulated_time_is_told_to_be_one_and_ends_no_detector(graph) -> None:
     """Its first stamp is 0: the time before it, of which no clock has one, ended the detector."""
-    health = graph.told(qos=EVENTS)
+    told = graph.told(qos=EVENTS, of='/live_replay')
     clock = graph.collect(Clock, '/clock')
-
-    def told() -> list[dict[str, str]]:
-        return [each for each in health if each['name'].endswith('/live_replay')]
-
     detector = graph.start('hunting_detector', use_sim_time=True)
     graph.start('live_replay', bag=_bag(graph.folder, 60.0, 0))
-    graph.spin_until(lambda: len(clock) > 300 and told())
+    graph.spin_until(lambda: len(clock) > 300 and told)
     assert min(to_ns(message.clock) for message in clock) >= 0
-    last = told()[-1]
+    last = told.last
     assert (last['bag'], last['length_s'], last['rate']) == ('bag', '59.995', '1.0')
     assert detector.poll() is None
 
@@ -97,16 +93,12 @@ def test_the_part_that_is_asked_for_comes_once_and_a_pause_holds_it(graph) -> No
 
 
 def test_a_replay_waits_for_who_judges_and_not_for_the_page(graph) -> None:
-    health = graph.told(qos=EVENTS)
+    page, replay = (graph.told(qos=EVENTS, of=name) for name in ('/dashboard', '/live_replay'))
     graph.start('dashboard', port=free_port())
-
-    def told(name: str) -> list[dict[str, str]]:
-        return [each for each in health if each['name'].endswith(name)]
-
-    graph.spin_until(lambda: told('dashboard'))
+    graph.spin_until(lambda: page)
     graph.start('live_replay', bag=_bag(graph.folder, 600.0))
-    graph.spin_until(lambda: len(told('live_replay')) > 2)
-    assert {each.get('listening') for each in told('live_replay')} == {'False'}
+    graph.spin_until(lambda: len(replay) > 2)
+    assert {each.get('listening') for each in replay} == {'False'}
     lateral = graph.collect(JointState, 'lateral')
     graph.spin_until(lambda: lateral)
 

@@ -8,7 +8,6 @@ import shlex
 import signal
 import socket
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -144,16 +143,10 @@ def test_a_speed_node_that_nobody_asks_for_any_more_is_in_no_hurry(graph) -> Non
     """A service manager that is late on a busy machine interrupts it a second time."""
     speeds = graph.collect(TwistStamped, 'speed')
     graph.start('rig_simulator', port=graph.port, initial_speed_mps=8.0)
-    words = [sys.executable, '-m', 'hunt_ros.nodes.entry', 'roller_speed', '--ros-args']
-    words += ['-r', '__ns:=/rig', '-p', f'port:={graph.port}', '-p', 'safe_deceleration_mps2:=2.0']
-    starter = ['sh', '-c', '"$@" & echo $!; wait', 'sh', *words]
-    with subprocess.Popen(starter, stdout=subprocess.PIPE, text=True) as started:
-        node = int(started.stdout.readline())
-        graph.spin_until(lambda: speeds, 60.0)
-        started.kill()
-        os.kill(node, signal.SIGINT)
-        graph.spin(1.5)
-        os.kill(node, signal.SIGINT)
+    drive = {'port': graph.port, 'safe_deceleration_mps2': 2.0}
+    node = graph.orphan('roller_speed', lambda: speeds, **drive)
+    graph.spin(1.5)
+    os.kill(node, signal.SIGINT)
     graph.spin_until(lambda: speeds[-1].twist.linear.x < 0.1)
 
 
