@@ -19,11 +19,7 @@ from numpy.typing import NDArray
 from hunt_ros.dynamics.covariance_root import inverse_of
 from hunt_ros.dynamics.growth_law import FELT, SATURATION, TERMS
 from hunt_ros.identification.likelihood.path import Path
-from hunt_ros.identification.likelihood.path_likelihood import (
-    ALL_TERMS,
-    NOISE_TERMS,
-    innovations,
-)
+from hunt_ros.identification.likelihood.path_likelihood import ALL_TERMS, innovations
 from hunt_ros.identification.likelihood.reading import OWN, as_read
 
 Array = NDArray[np.float64]
@@ -44,13 +40,13 @@ _HIGH[FELT] = 3.0
 #: Gain of the log likelihood still in reach at which a fit has converged: it is within a
 #: third of a deviation of the top.
 _REACHED = 0.05
+#: Step of the parameters by which derivatives are taken, in widths of what is known beforehand:
+#: the root of the error of rounding.
+_DIFFERENCE = float(np.sqrt(np.finfo(np.float64).eps))
 #: Spreads of what recordings have of their own that are tried, the least of them none at all,
 #: and the scale on which a larger one is less likely beforehand.
 SPREADS = np.array([1.0, 1.0, 1.0, 100.0, 100.0])[:, None] * np.geomspace(1e-4, 0.1, 19)
 USUAL = np.array([0.02, 0.01, 0.01, 1.0, 1.0])
-#: Step of the parameters by which derivatives are taken, in widths of what is known beforehand:
-#: the root of the error of rounding.
-_DIFFERENCE = float(np.sqrt(np.finfo(np.float64).eps))
 #: Farthest of these that a step of the fit tries: no two recordings of one rig differ by as much.
 _FARTHEST = np.array([3.0, 3.0, 3.0, 30.0, 30.0])
 #: Added to matrices of unit diagonal before they are solved.
@@ -100,7 +96,7 @@ class TrajectoryFit:
     @property
     def law(self) -> NDArray[np.float64]:
         """Coefficients of the growth law."""
-        law: NDArray[np.float64] = self.theta[:-NOISE_TERMS]
+        law: NDArray[np.float64] = self.theta[:TERMS]
         return law
 
 
