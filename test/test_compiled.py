@@ -80,7 +80,7 @@ RUN_THE_CHAIN = textwrap.dedent(
     theta = np.concatenate([law, [0.0, 0.0, -8.0, -12.0, -20.0]])
     n = np.arange(12)
     phasor = (0.3 + 0.02 * n) * np.exp(0.1j * n)
-    path = Path(0.5 * n, 0.01 * n, phasor, n == 0, 0.03, 0.2, 0.1, np.full(12, 0.01))
+    path = Path(0.5 * n, 0.01 * n, phasor, n == 0, 0.03, 0.2, 0.1, line=np.full(12, 0.01))
     print(json.dumps({
         'compiler': [HAVE_COMPILER, sys.modules.get('numba') is not None],
         'lateral': record['lateral'].values[::25].tolist(),

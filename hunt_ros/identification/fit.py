@@ -28,7 +28,6 @@ from hunt_ros.dynamics.growth_law import (
     saturated,
 )
 from hunt_ros.identification.likelihood.path import Path
-from hunt_ros.identification.likelihood.path_likelihood import NOISE_TERMS
 from hunt_ros.identification.likelihood.spreads import learnt
 from hunt_ros.identification.likelihood.trajectory_fit import (
     Prior,
@@ -75,7 +74,7 @@ class FittedLaw:
     @property
     def noise(self) -> NDArray[np.float64]:
         """Forcing and noise found beside the law, shape (5,)."""
-        return self.fit.theta[-NOISE_TERMS:]
+        return self.fit.theta[TERMS:]
 
 
 def fit_law(

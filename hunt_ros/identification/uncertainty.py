@@ -64,6 +64,12 @@ def _beside(
     return np.asarray(fitted.noise + away @ follow.T + normal @ covariance_root(covariance).T)
 
 
+def linear_growth_std(fitted: FittedLaw, u: float) -> float:
+    """Return the deviation of the linear growth rate at a detuning, 1/s."""
+    slopes = fitted.law.linear_terms(u)
+    return math.sqrt(max(float(slopes @ law_covariance(fitted.fit) @ slopes), 0.0))
+
+
 def critical_speed_bound(fitted: FittedLaw) -> float:
     """
     Smallest deviation v_c can have under the law, m/s: by the information alone.
@@ -82,12 +88,11 @@ def critical_speed_bound(fitted: FittedLaw) -> float:
     ----------
     Cramer, H. (1946), Mathematical Methods of Statistics, Sect. 32.3.
     """
-    u_c = fitted.law.critical_speed
-    if u_c is None or not np.isfinite(fitted.fit.information).all():
+    law = fitted.law
+    if law.critical_speed is None or not np.isfinite(fitted.fit.information).all():
         return math.nan
-    u = float(fitted.law.detuning(u_c))
-    way = fitted.law.scales.speed / fitted.law.linear_slope(u) * fitted.law.linear_terms(u)
-    return math.sqrt(max(float(way @ law_covariance(fitted.fit) @ way), 0.0))
+    u = float(law.detuning(law.critical_speed))
+    return law.scales.speed * linear_growth_std(fitted, u) / float(law.linear_slope(u))
 
 
 def _degrees(fit: TrajectoryFit) -> float:

@@ -204,7 +204,7 @@ def test_the_law_does_not_hang_on_the_unit_of_time(fitted):
 
 
 def test_a_soft_onset_that_was_kicked_is_never_called_subcritical():
-    """A fit that has found next to no noise may not follow the path at its next start: seed 4."""
+    """A fit that has found next to no noise has to follow the path at its next start: seed 4."""
     rig = RIGS['soft onset']
     records = [RECORDINGS['kicked holds'](rig, seed) for seed in (3, 4, 5)]
     found = [identify(record, IdentificationSettings(**rig.told)) for record in records]

@@ -152,7 +152,7 @@ def test_the_json_has_the_public_keys_and_no_nan(from_staircase):
         'v_c', 'v_n', 'hysteresis_width', 'coefficients', 'criticality', 'length_scale_m',
         'supercritical_probability', 'hysteresis_below',
         'time_scale_s', 'coordinate', 'branches', 'steady_states', 'observed', 'disturbance_m',
-        'four_point', 'fit', 'warnings',
+        'four_point', 'fit', 'normal_form', 'warnings',
     } <= set(document)  # fmt: skip
     assert set(document['v_c']) == {'value', 'std', 'ci95'}
     assert set(document['coefficients']) == {'D1', 'D4', 'D7', 'D10', 'D15'}

@@ -23,11 +23,9 @@ from hunt_ros.dynamics.growth_law import TERMS, growth_at
 from hunt_ros.identification.likelihood.path import Path
 
 Array = NDArray[np.float64]
-#: Number of parameters behind those of the law: how ln Q changes with u and with w, then
+#: Number of all parameters. Behind those of the law: how ln Q changes with u and with w, then
 #: ln Q (at u = w = 0), ln R and the log of the phase noise.
-NOISE_TERMS = 5
-#: Number of all of them.
-ALL_TERMS = TERMS + NOISE_TERMS
+ALL_TERMS = TERMS + 5
 #: Longest step of the integration relative to the fastest rate met, 1: where the law changes
 #: the number of steps, the likelihood jumps by its error, here below a hundredth.
 _STEP = 0.3

@@ -19,39 +19,34 @@ from numpy.typing import NDArray
 from hunt_ros.dynamics.covariance_root import inverse_of
 from hunt_ros.dynamics.growth_law import FELT, SATURATION, TERMS
 from hunt_ros.identification.likelihood.path import Path
-from hunt_ros.identification.likelihood.path_likelihood import (
-    ALL_TERMS,
-    NOISE_TERMS,
-    innovations,
-)
+from hunt_ros.identification.likelihood.path_likelihood import ALL_TERMS, innovations
 from hunt_ros.identification.likelihood.reading import OWN, as_read
 
 Array = NDArray[np.float64]
 #: A prior: function of the law's coefficients, expected value, standard deviation.
 Prior = tuple[Callable[[Array], float], float, float]
 
-#: Largest d ln Q / du, forcing that rises with a power of v, and d ln Q / dw.
-_STEEPEST = np.array([9.0, 2.0])
 #: Deviation of ln Q, ln R and ln phase noise from what they were found to be, at most: a factor
 #: of three. Of noise too small to be seen nothing else says it.
 VAGUE_NOISE = 1.1
 #: Gain of the log likelihood below which a fit stands: a thirtieth of a deviation.
 _GAIN = 1e-3
-#: Largest share of the roller's line that the wheelset may feel: a line acts as it is seen, or
-#: less where it is run-out of the sensor; more only by an error of the sensor.
-_MOST_FELT = 3.0
+#: Lowest and highest value of each parameter. The wheelset may feel three times the roller's line
+#: at most: a line acts as it is seen, or less where it is run-out of the sensor; more only by an
+#: error of the sensor.
+_LOW, _HIGH = np.full(ALL_TERMS, -np.inf), np.full(ALL_TERMS, np.inf)
+_LOW[SATURATION] = _LOW[FELT] = 0.0
+_HIGH[FELT] = 3.0
 #: Gain of the log likelihood still in reach at which a fit has converged: it is within a
 #: third of a deviation of the top.
 _REACHED = 0.05
-#: Least ln Q, ln R, ln phase noise of a start that follows no path with less, one after the other.
-_BROADER = -9.0, -6.0, -3.0, 0.0
+#: Step of the parameters by which derivatives are taken, in widths of what is known beforehand:
+#: the root of the error of rounding.
+_DIFFERENCE = float(np.sqrt(np.finfo(np.float64).eps))
 #: Spreads of what recordings have of their own that are tried, the least of them none at all,
 #: and the scale on which a larger one is less likely beforehand.
 SPREADS = np.array([1.0, 1.0, 1.0, 100.0, 100.0])[:, None] * np.geomspace(1e-4, 0.1, 19)
 USUAL = np.array([0.02, 0.01, 0.01, 1.0, 1.0])
-#: Step of the parameters by which derivatives are taken, in widths of what is known beforehand:
-#: the root of the error of rounding.
-_DIFFERENCE = float(np.sqrt(np.finfo(np.float64).eps))
 #: Farthest of these that a step of the fit tries: no two recordings of one rig differ by as much.
 _FARTHEST = np.array([3.0, 3.0, 3.0, 30.0, 30.0])
 #: Added to matrices of unit diagonal before they are solved.
@@ -101,7 +96,7 @@ class TrajectoryFit:
     @property
     def law(self) -> NDArray[np.float64]:
         """Coefficients of the growth law."""
-        law: NDArray[np.float64] = self.theta[:-NOISE_TERMS]
+        law: NDArray[np.float64] = self.theta[:TERMS]
         return law
 
 
@@ -160,8 +155,7 @@ class Problem:
 
     def allowed(self, theta: Array) -> bool:
         """Whether no parameter is beyond its bounds."""
-        low, high = _bounds()
-        return bool(((theta >= low) & (theta <= high)).all())
+        return bool(((theta >= _LOW) & (theta <= _HIGH)).all())
 
     @property
     def widths(self) -> Array:
@@ -284,20 +278,8 @@ def _remaining(theta: Array, at: _Expansion) -> float:
 
 def _free(theta: Array, gradient: Array) -> NDArray[np.bool_]:
     """Parameters that no bound holds against the gradient."""
-    low, high = _bounds()
-    free: NDArray[np.bool_] = ~((theta <= low) & (gradient < 0.0))
-    return free & ~((theta >= high) & (gradient > 0.0))
-
-
-def _bounds() -> tuple[Array, Array]:
-    """Lowest and highest value of each parameter; the law itself has no bounds."""
-    high = np.full(ALL_TERMS, np.inf)
-    low = -high
-    high[TERMS : TERMS + 2] = _STEEPEST
-    low[TERMS : TERMS + 2] = -_STEEPEST
-    low[FELT], high[FELT] = 0.0, _MOST_FELT
-    low[SATURATION] = 0.0
-    return low, high
+    free: NDArray[np.bool_] = ~((theta <= _LOW) & (gradient < 0.0))
+    return free & ~((theta >= _HIGH) & (gradient > 0.0))
 
 
 def solved(matrix: Array, right: Array) -> Array:
@@ -355,19 +337,12 @@ def fit_path(
     Fisher scoring with Levenberg's damping; the likelihood is that of the extended Kalman
     filter (Ljung, L., System Identification, 1999, Sect. 7.4).
     """
-    low, high = _bounds()
     theta = np.array(start, dtype=np.float64)
     held = np.flatnonzero(problem.std == 0.0)
     theta[held] = problem.mean[held]
-    theta = np.clip(theta, low, high)
+    theta = np.clip(theta, _LOW, _HIGH)
     own = np.zeros((len(problem.path.recordings), OWN)) if own is None else own
     current = problem.expand(theta, own)
-    # A start of little noise may not follow the path at all.
-    for least in _BROADER:
-        if np.isfinite(current.value):
-            break
-        theta[-3:] = np.maximum(theta[-3:], least)
-        current = problem.expand(theta, own)
     damping = 1e-3
     for _ in range(iterations):
         if _remaining(theta, current) <= _GAIN:
@@ -386,7 +361,7 @@ def fit_path(
             longest = np.max(np.abs(step[:SATURATION]) / np.where(size > 0.0, size, np.inf))
             step *= min(1.0, 0.7 / longest) if longest > 0.0 else 1.0
             step[-3:] = np.clip(step[-3:], -3.0, 2.0)
-            trial = np.clip(theta + step, low, high)
+            trial = np.clip(theta + step, _LOW, _HIGH)
             moved = np.zeros(own.shape)
             if problem.differ:
                 moved = _held(own + current.follow(trial - theta, damping)) - own
@@ -394,7 +369,7 @@ def fit_path(
             if value < current.value:
                 # Along a curved ridge the step is in the right direction, and too short.
                 while True:
-                    further = np.clip(theta + 2.0 * (trial - theta), low, high)
+                    further = np.clip(theta + 2.0 * (trial - theta), _LOW, _HIGH)
                     more = _held(own + 2.0 * moved) - own
                     beyond = problem.objective(further, own + more)
                     if not beyond < value - 0.1 * _GAIN:

@@ -26,7 +26,7 @@ from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.record.segments import Run, Segment
 from hunt_ros.identification.result import GIVEN, PAPERS, FitSummary, Identification, percent
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.identification.uncertainty import critical_speed_bound, draw_laws, law_covariance
+from hunt_ros.identification.uncertainty import critical_speed_bound, draw_laws, linear_growth_std
 from hunt_ros.identification.verdict.lack_of_fit import LackOfFit, lack_of_fit
 from hunt_ros.identification.verdict.reasons import reasons, resolved, unknown_of
 from hunt_ros.samples import Uncertain
@@ -394,11 +394,10 @@ def _unsupported(
 def _growth_there(best: FittedLaw, speed: float) -> str:
     """Linear growth rate at one speed, where the motion shows its sign; or that it does not."""
     u = float(best.law.detuning(speed))
-    rate, slopes = float(best.law.linear(u)), best.law.linear_terms(u)
-    variance = float(slopes @ law_covariance(best.fit) @ slopes)
-    if not variance < (_VAGUE * rate) ** 2:
+    rate, std = float(best.law.linear(u)), linear_growth_std(best, u)
+    if not std < _VAGUE * abs(rate):
         return 'this motion does not show its linear growth rate'
-    return f'linear growth rate {rate:.2g} +/- {math.sqrt(variance):.1g} 1/s'
+    return f'linear growth rate {rate:.2g} +/- {std:.1g} 1/s'
 
 
 def _no_critical_speed(law: GrowthLaw, posterior: Posterior) -> str:
