@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from fed import Fed
-from made import SECOND, changed, dead, held, record_of, words
+from made import SECOND, changed, dead, forced_mode, held, record_of, words
 
 from hunt_ros.detection import DetectorConfig, HuntingDetector, Level, State, detect, doubts
 from hunt_ros.dynamics.parameters import paper_rig
@@ -109,6 +109,19 @@ def test_a_lateral_sensor_that_shows_but_noise_does_not_hide_a_cycle_that_yaw_sh
         if (said[0] - record.start_ns) * 1e-9 * hz > steady + 5.0 * REFERENCE_HZ:
             late.append(seed)
     assert len(late) <= 2, f'nine of ten are said within 5 s of the reference rig, not {late}'
+
+
+def test_quiet_motion_beside_a_lateral_offset_that_wanders_does_not_hunt() -> None:
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        seconds = np.arange(0.0, 90.0, 0.005)
+        motion = forced_mode(rng, seconds.size, 0.005, 0.6, 1.2e-5, 3.0)
+        offset = 2e-3 * np.sin(2.0 * np.pi * seconds / 60.0)
+        lateral = motion.real + offset + 2e-6 * rng.normal(size=seconds.size)
+        yaw = (5.0 * np.exp(1.4j) * motion).real + 1e-5 * rng.normal(size=seconds.size)
+        record = record_of(seconds, lateral=lateral, yaw=yaw, speed=8.5)
+        detector = HuntingDetector(DetectorConfig(channels=tuple(record)))
+        assert not (detect(detector, record).estimates['level'] == Level.ERROR).any(), seed
 
 
 # --- an axle-box acceleration beside displacement and yaw: one more name in `channels` ---------

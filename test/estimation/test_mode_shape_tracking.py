@@ -62,6 +62,26 @@ def test_the_error_of_a_ratio_learnt_on_noise_is_within_what_is_claimed():
     assert np.abs(scores).max() < 3.5
 
 
+def test_an_offset_that_wanders_teaches_no_ratio_that_passes_for_known():
+    """The lateral offset by 2 mm in 15 s, beside a motion of 15 um."""
+    for seed in range(6):
+        signal = hunting_signal(
+            seed,
+            duration=40.0,
+            rate=200.0,
+            amplitude=1.5e-5,
+            forcing=2e-12,
+            noise=2e-6,
+            roughness=0.0,
+        )
+        signal.lateral += 2e-3 * np.sin(2.0 * np.pi * signal.stamps * 1e-9 / 60.0)
+        rows, _ = signal.track(HuntingTracker())
+        known = rows[rows['yaw_ratio_std'] < 0.5 * rows['yaw_ratio']]
+        found = known['yaw_ratio'] * np.exp(1j * known['yaw_lag'])
+        assert (np.abs(found - RATIO) < 5.0 * known['yaw_ratio_std']).all(), seed
+        assert known.size > 2000, 'it is learnt from the motion, soon'
+
+
 def test_a_ratio_learnt_in_this_run_carries_on_with_more_doubt_elsewhere():
     signal = hunting_signal(3, duration=16.0, kick_at=9.0, kick=4e-4, noise=5e-6)
     signal.lateral[signal.stamps > 7_000_000_000] = np.nan

@@ -138,8 +138,12 @@ def _judged(row: np.void) -> tuple[str, str]:
 
 
 def _size(row: np.void) -> str:
+    """Return the amplitude that is judged; beside it that of lateral, where yaw told it."""
     name, unit = _judged(row)
-    return f'amplitude {_number(row, f"{name}_amplitude", unit, 1e3)}'
+    own = _number(row, f'{name}_amplitude', unit, 1e3)
+    if math.isnan(row['judged']) or row['judged'] == row[f'{name}_amplitude']:
+        return f'amplitude {own}'
+    return f'amplitude {_number(row, "judged", unit, 1e3)} by yaw (lateral shows {own})'
 
 
 def _unstable(row: np.void) -> str:

@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 
 from hunt_ros.compiled import compiled_part
 from hunt_ros.estimation.tracker import layout as at
-from hunt_ros.estimation.tracker.algebra import lateral_density, line, measured, told, turned
+from hunt_ros.estimation.tracker.algebra import (
+    lateral_density,
+    line,
+    measured,
+    ratio_power,
+    told,
+    turned,
+)
 
 _F = NDArray[np.float64]
 
@@ -25,6 +32,9 @@ RESONANCE = 10.0
 #: often may scatter by a per cent.
 CHANGED, LASTING_S = 0.02, 0.05
 STEEPEST = 0.1  # relative change of the speed in a bin: what is more is a wrong reading
+#: Deviations of the frequency by which it lies inside the range that is followed, or the motion
+#: may be another one, that is slower or faster.
+DISTINCT = 3.0
 AGAINST = 3.0  # standard deviations at which a ratio that is given is doubted
 
 
@@ -68,10 +78,15 @@ def learn_ratio(f: at.Filter) -> None:
     power = squared(lateral)
     if power < 12.5 * (P[0, 0] + P[1, 1]) or power == 0.0:
         return
+    inside = min(x[at.OMEGA] - f.cfg.omega_min, f.cfg.omega_max - x[at.OMEGA])
+    if inside < DISTINCT * math.sqrt(max(P[at.OMEGA, at.OMEGA], 0.0)):
+        return  # an offset that wanders is followed as the slowest motion that may be
     cross = rho.real * (P[0, 2] + P[1, 3]) + rho.imag * (P[0, 3] - P[1, 2])
     variance = 0.5 * (P[2, 2] + P[3, 3] + squared(rho) * (P[0, 0] + P[1, 1])) - cross
     seen = yaw * lateral.conjugate() / power
-    unit = 0.5 * squared(seen)  # of a relative variance, each part
+    # Of a relative variance, each part. What is seen may be small by chance: that makes it no
+    # better known than the ratio that was expected.
+    unit = 0.5 * max(squared(seen), ratio_power(f))
     # Share of the motion that is made anew each second. What makes it does not push along the
     # mode alone, and what it leaves of the second mode and of other motion is in the phasors.
     renewed = math.exp(2.0 * f.log_bandwidth) * lateral_density(f) / power

@@ -41,6 +41,17 @@ def test_below_the_fold_the_margin_names_the_laws_that_it_is_of() -> None:
     assert 'those of the laws that have one at this speed' in told
 
 
+def test_the_amplitude_that_is_told_is_the_one_that_was_judged() -> None:
+    row = blank_rows(np.zeros(1, dtype=np.int64))[0]
+    row['state_cause'], row['noise_floor'] = states.STEADY, 5.4e-4
+    row['lateral_amplitude'], row['lateral_amplitude_std'] = 6.7e-6, 1e-6
+    row['judged'], row['judged_std'] = 1.2e-3, 1e-4
+    told = state_cause(row, BASIS)[1]
+    assert 'the amplitude 1.20 +/- 0.10 mm by yaw (lateral shows 0.0067 +/- 0.0010 mm)' in told
+    row['judged'], row['judged_std'] = row['lateral_amplitude'], row['lateral_amplitude_std']
+    assert 'the amplitude 0.0067 +/- 0.0010 mm stays' in state_cause(row, BASIS)[1]
+
+
 @pytest.mark.parametrize('mean_m', [3e-9, 1e-7, 1e-4, 0.3, 90.0])
 def test_an_amplitude_of_any_size_is_told_without_an_exponent(mean_m: float) -> None:
     told, rng = [], np.random.default_rng(1)
