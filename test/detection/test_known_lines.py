@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from made import changed, held, record_of, rig_settings, without
+from made import changed, forced_mode, held, record_of, rig_settings, without
 
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.detector import HuntingDetector
@@ -128,3 +129,36 @@ def test_a_tachometer_that_scatters_frees_no_line_to_take_the_hunting() -> None:
     record = record_of(time, lateral=lateral, roller=2.0 * np.pi * turns, speed=read)
     late = _run(record)[1].estimates[-1000:]
     np.testing.assert_allclose(late['lateral_amplitude'], 5e-4, rtol=0.05)
+
+
+def _begins(ratio: float, cycle: float, line: float, seed: int, seconds: float) -> float:
+    """Return when a limit cycle is said, s, of motion of so many mm from the first sample on."""
+    rng = np.random.default_rng([3, seed])
+    time = np.arange(1, round(200.0 * seconds)) / 200.0
+    turns, (own, other, yaw) = 2.84 * ratio * time, np.exp(2j * np.pi * rng.random(3))
+    wanders = 1.0 + 0.01 * forced_mode(rng, time.size, 0.005, 1.0, 1.0).real
+    hunts = cycle * own * wanders + 0.01 * forced_mode(rng, time.size, 0.005, 1.0, 1.0)
+    hunts *= np.exp(2j * np.pi * 2.84 * time)
+    forced = line * other * np.exp(2j * np.pi * turns)
+    lateral = (hunts + forced).real + 0.005 * rng.standard_normal(time.size)
+    yaws = (6.0 * np.exp(1.2j) * hunts + 3.0 * yaw * forced).real
+    yaws += 0.03 * rng.standard_normal(time.size)
+    record = record_of(
+        time, lateral=1e-3 * lateral, yaw=1e-3 * yaws, roller=2.0 * np.pi * turns, speed=7.0
+    )
+    output = _run(record, hunting_frequency_hz=2.84, lines=(1.0,))[1]
+    said = (event.stamp_ns * 1e-9 for event in output.events if event.event == 'limit_cycle')
+    return next(said, math.inf)
+
+
+def test_a_cycle_from_the_start_is_said_beside_a_line_that_is_not_there() -> None:
+    # The filter shares it out between hunting and line at first, and follows their beat.
+    near = (0.9, 0.95, 1.05, 1.1)
+    found = [_begins(near[seed % 4], 1.0, 0.0, seed // 4, 35.0) for seed in range(48)]
+    assert np.mean(np.array(found) < 30.0) > 0.95
+
+
+@pytest.mark.parametrize('line', [0.1, 0.3, 1.0])
+def test_a_line_from_the_start_is_no_limit_cycle(line: float) -> None:
+    for seed in range(20):
+        assert math.isinf(_begins(0.9 + 0.05 * (seed % 5), 0.0, line, seed, 35.0)), seed

@@ -97,11 +97,13 @@ class Coordinate:
 
 
 class LineNoise:
-    """What one sensor tells of the process noise of one line."""
+    """What one sensor tells of the process noise of one line, and of the hunting beside it."""
 
     log_bandwidth: float  # ln of the bandwidth, 1/s
     band: complex  # innovations demodulated
-    together: float  # recent mean of the power of hunting and line over that of the hunting
+    lasting: complex  # mean of the phasor of its coordinate in the frame of the line
+    power: float  # mean square of that phasor
+    since: float  # when these means began, s
 
 
 class Input:

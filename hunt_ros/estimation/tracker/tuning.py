@@ -22,9 +22,11 @@ from hunt_ros.estimation.tracker.ratio import loosen, squared
 
 IN_BAND = 0.3  # s, of the whiteness measures
 OFFSET = 25.0  # power of the mean innovation over that of white noise taken for an offset
-#: Hunting and a line whose sum has had less than this part of the power of the hunting, as a mean
-#: over so long, s, cancel: of two motions that beat it is more, of two that differ it is not less.
-CANCELLED, LONG = 0.25, 2.0
+#: A line is not in the readings where the mean of the whole motion in its frame, over so long, s,
+#: has less than the first part of its power. Of a line that is there that holds now and then, by
+#: the hunting that beats with it, so that the mean of the hunting must have more than the second
+#: part of its power: that of hunting 5 % of the frequency away has less.
+NOT_SHOWN, STANDS, LONG = 0.5, 0.1, 4.0
 
 
 @compiled_part
@@ -47,7 +49,7 @@ def start_sensor(f: at.Filter, k: int, t: float) -> None:
     sensor.residual = sensor.noise
     for j in range(f.line_count):
         sensor.lines[j].log_bandwidth = 0.0
-        sensor.lines[j].together = 1.0
+        sensor.lines[j].since = t
     sensor.log_bias_bandwidth = math.log(0.1)
     if alone:
         x[at.OMEGA] = f.mode.omega
@@ -196,7 +198,7 @@ def tune(f: at.Filter, k: int, dt: float, count: float) -> None:
         if cosine != 0.0 or sine != 0.0:
             size = step * unit / math.sqrt(cosine * cosine + sine * sine)
             sensor.lines[j].band = decay * sensor.lines[j].band + size * complex(cosine, sine)
-            give_to_line(f, k, j, dt)
+            share_with_line(f, k, j, dt)
     if not settled:
         return
     rate = 0.5 * dt / at.BANDWIDTH_TIME
@@ -213,38 +215,59 @@ def tune(f: at.Filter, k: int, dt: float, count: float) -> None:
 
 
 @compiled_part
-def hunting_in(f: at.Filter, k: int, turn: complex) -> complex:
-    """Return the phasor of the hunting in the signal of sensor k, turned by a factor."""
-    sensor = f.sensors[k]
-    for _ in range(sensor.derivative):
-        turn *= complex(f.x[at.GROWTH], f.x[at.OMEGA])
-    return turned(f.x, at.Z + 2 * sensor.coordinate, sensor.unit * turn)
+def reading_of(f: at.Filter, k: int) -> complex:
+    """Return what sensor k reads of its coordinate, per unit of the phasor."""
+    factor = complex(f.sensors[k].unit)
+    for _ in range(f.sensors[k].derivative):
+        factor *= complex(f.x[at.GROWTH], f.x[at.OMEGA])
+    return factor
 
 
 @compiled_part
-def give_to_line(f: at.Filter, k: int, j: int, dt: float) -> None:
+def share_with_line(f: at.Filter, k: int, j: int, dt: float) -> None:
     """
-    Give the hunting to line j where they have cancelled for long, as sensor k sees them.
+    Share the motion out anew between hunting and line j where sensor k does not show the line.
 
-    At one frequency no reading tells one small motion from two large ones that cancel, and a
-    filter that has come to believe in two goes on to. That the wheelset moves so is far less
-    likely than that there is one.
+    In the frame of the line the mean of the whole motion is the line, and that of the hunting is
+    0, but where they turn alike. A filter that has come to believe in hunting and a line that
+    cancel, or in hunting that beats against a line that is not there, goes on to: its process
+    noise follows the beat. That the wheelset moves so is far less likely than that it has one
+    motion.
     """
-    x, own = f.x, f.sensors[k].lines[j]
+    x, P, sensor = f.x, f.P, f.sensors[k]
+    own, factor = sensor.lines[j], reading_of(f, k)
     back = complex(f.row.value[2 * j], -f.row.value[2 * j + 1])
-    i, hunting = line(f, k) + 2 * j, hunting_in(f, k, back)
-    both = squared(hunting + complex(x[i], -x[i + 1]))
-    share = both / squared(hunting) if both < squared(hunting) else 1.0
-    own.together += dt / LONG * (share - own.together)
-    if own.together > CANCELLED:
+    z, i = at.Z + 2 * sensor.coordinate, line(f, k) + 2 * j
+    age = f.time - own.since
+    gain = dt / min(max(age, dt), LONG)
+    own.lasting += gain * (turned(x, z, back) - own.lasting)
+    own.power += gain * (x[z] ** 2 + x[z + 1] ** 2 - own.power)
+    told = complex(x[i], -x[i + 1])
+    left = squared(told + factor * own.lasting)
+    if age < LONG or left > NOT_SHOWN * squared(told):
         return
+    if squared(own.lasting) < STANDS * own.power:
+        return
+    # What is left in the mean is the line's, as far as it is what the motion is now.
+    whole = squared(told + turned(x, z, factor * back))
+    share = min(left, whole) / max(left, whole)
     for m in range(f.sensor_count):
-        i, hunting = line(f, m) + 2 * j, hunting_in(f, m, back)
-        x[i] += hunting.real
-        x[i + 1] -= hunting.imag
-        f.sensors[m].lines[j].together = 1.0
-    x[at.Z : at.Z + 4] = 0.0
-    open_modes(f, both / seen_of_lateral(f, k))
+        other = f.sensors[m]
+        if not other.alive:
+            continue
+        z, i, factor = at.Z + 2 * other.coordinate, line(f, m) + 2 * j, reading_of(f, m)
+        told = complex(x[i], -x[i + 1])
+        mean = told + factor * other.lines[j].lasting
+        x[i], x[i + 1] = share * mean.real, -share * mean.imag
+        P[i, i] += 0.5 * squared(mean)
+        P[i + 1, i + 1] += 0.5 * squared(mean)
+        other.lines[j].since = f.time
+        if m == k or (other.scale < 0 and other.coordinate != sensor.coordinate):
+            given = (told - share * mean) * back.conjugate() / factor
+            x[z] += given.real
+            x[z + 1] += given.imag
+    f.log_bandwidth = 0.0  # it was that of the beat
+    open_modes(f, left / seen_of_lateral(f, k))
 
 
 @compiled_part
