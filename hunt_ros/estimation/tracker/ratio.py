@@ -84,16 +84,16 @@ def learn_ratio(f: at.Filter) -> None:
     cross = rho.real * (P[0, 2] + P[1, 3]) + rho.imag * (P[0, 3] - P[1, 2])
     variance = 0.5 * (P[2, 2] + P[3, 3] + squared(rho) * (P[0, 0] + P[1, 1])) - cross
     seen = yaw * lateral.conjugate() / power
-    # Of a relative variance, each part. What is seen may be small by chance: that makes it no
-    # better known than the ratio that was expected.
-    unit = 0.5 * max(squared(seen), ratio_power(f))
+    given = not math.isnan(f.mode.rho.real)
+    unit = 0.5 * squared(seen)  # of a relative variance, each part
+    if not given:  # what is seen may be small by chance: it is no better known than before
+        unit = max(unit, 0.5 * ratio_power(f))
     # Share of the motion that is made anew each second. What makes it does not push along the
     # mode alone, and what it leaves of the second mode and of other motion is in the phasors.
     renewed = math.exp(2.0 * f.log_bandwidth) * lateral_density(f) / power
     renewed = min(max(renewed, math.exp(-0.5 * age)), 1.0)  # nor is it known at first
     # No single second is believed to better than a tenth.
     variance = max(variance / power, (0.01 + FORCED * renewed) * unit) / min(elapsed, 1.0)
-    given = not math.isnan(f.mode.rho.real)
     breath = at.RATIO_FLOOR**2 * unit
     # A phasor that stands little above its noise gives a ratio that is biased, by as much as
     # its relative variance: no number of such seconds makes it better.
