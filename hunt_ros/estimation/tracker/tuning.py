@@ -244,7 +244,7 @@ def share_with_line(f: at.Filter, k: int, j: int, dt: float) -> None:
     own.power += gain * (x[z] ** 2 + x[z + 1] ** 2 - own.power)
     told = complex(x[i], -x[i + 1])
     left = squared(told + factor * own.lasting)
-    if age < LONG or left > NOT_SHOWN * squared(told):
+    if age < LONG or left >= NOT_SHOWN * squared(told):
         return
     if squared(own.lasting) < STANDS * own.power:
         return
