@@ -199,8 +199,9 @@ def compile_all() -> int:
                 raise CalledProcessError(1, 'hunt compile')
         complete = f'all.{_TAG}.{_sources()}.complete'
         folder = _write(complete, '\n'.join(files.values()).encode())
-        for path in folder.glob(f'*.{_TAG}.*'):
-            # Of a kernel that is gone, or was another one: a wheel would carry it on.
+        # Of a kernel that is gone, or was another one, a wheel would carry it on; in the cache it
+        # may be that of another version.
+        for path in folder.glob(f'*.{_TAG}.*') if folder.parent == _PACKAGE else ():
             if path.name not in (complete, *files.values()):
                 path.unlink(missing_ok=True)
     return len(missing)

@@ -105,7 +105,22 @@ class HuntingDetector:
         return self.feed({channel: (stamps_ns, values)})
 
     def feed(self, samples: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> Output:
-        """Take stamps and values of several channels at once, see `update`."""
+        """
+        Take samples of several channels before any row is made of them.
+
+        A clock that leaps ahead lets the others pass until it is seen to be back: what has come
+        of all channels belongs in one call.
+
+        Parameters
+        ----------
+        samples : mapping of str to (stamps_ns, values)
+            By channel, each as for `update`.
+
+        Raises
+        ------
+        HuntError
+            As `update`; what stands before in the mapping has been taken.
+        """
         for channel, (stamps_ns, values) in samples.items():
             self._door.push(channel, stamps_ns, values)
         return self._advance()
@@ -190,7 +205,7 @@ class HuntingDetector:
             Who does; '' where that is not known.
         """
         self._rows.acknowledge()
-        self.history.acknowledge(now_ns, by)
+        self.history.acknowledge(now_ns, by, self._rows.alarm)
         self._door.note('acknowledged', now_ns=now_ns, text=by)
         ends = ': the alarm ends with the hunting' if self._rows.alarm else ''
         return self._say('acknowledged', f'by {by or UNKNOWN}{ends}', 'operator', now_ns)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hunt_ros.compiled import B1, F2, I1, R1, compiled, compiled_part
 from hunt_ros.detection.configuration import DetectorConfig
 from hunt_ros.detection.door import Block
+from hunt_ros.estimation.tracker_config import REFERENCE_HZ
 from hunt_ros.samples import NANOSECONDS
 from hunt_ros.sensors import MOTION, SENSORS, saturated_from
 
@@ -92,7 +93,7 @@ _FLAT_EXCESS = 3.0
 #: The motion must span this many steps of the converter before clipping is looked for.
 _SPAN_STEPS = 16.0
 #: A motion that spanned so many steps within the last half to one period does not come to rest
-#: within one step before `STUCK_S`: the least damped motion of a rig cannot.
+#: within one step before it counts as stuck: the least damped motion of a rig cannot.
 _REST_STEPS = 4.0
 
 #: What is remembered: stamps, ns, of the first row, of the last sample, of the last usable one,
@@ -114,6 +115,12 @@ _BEGINNING: dict[str, Any] = {
 _MEMORY: np.dtype[np.void] = np.dtype(
     [(name, np.asarray(x).dtype, np.shape(x)) for name, x in _BEGINNING.items()], align=True
 )
+
+
+def stuck_s(config: DetectorConfig, channel: str) -> float:
+    """Return how long a channel may repeat one value, s."""
+    period_s = 1.0 / (REFERENCE_HZ * config.faster)
+    return max(STUCK_S, _STUCK_PERIODS * period_s if channel in MOTION else 0.0)
 
 
 class _Limits(NamedTuple):
@@ -149,15 +156,13 @@ class ChannelHealth:
     def follow(self, config: DetectorConfig) -> None:
         """Use other settings from now on."""
         self._optional = self._channel in config.optional_channels
-        kind, period_s = _KINDS[self._channel], 1.0 / config.hunting_frequency_hz
-        stuck_s = max(STUCK_S, _STUCK_PERIODS * period_s if kind == _MOTION else 0.0)
         self._limits = _Limits(
-            kind,
+            _KINDS[self._channel],
             saturated_from(config, self._channel),
             config.timeout_ns(self._channel),
-            round(stuck_s * NANOSECONDS),
+            round(stuck_s(config, self._channel) * NANOSECONDS),
             round(FAULT_HOLD_S * NANOSECONDS),
-            2.0 * np.pi / period_s,
+            2.0 * np.pi * config.hunting_frequency_hz,
             1.0 / (_SAMPLES_A_PERIOD * config.followed_hz[1]),
         )
 

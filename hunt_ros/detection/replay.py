@@ -20,8 +20,8 @@ from hunt_ros.samples import Record, Series
 #: Not acted on at their position: they say which samples the run was made of. Which of these came
 #: too late, 0.2.0 wrote down; it follows from the rest.
 _ABOUT_SAMPLES = ('start', 'heard', 'late_from', 'late_to')
-#: Samples of the longest channel that are fed at once, and of each other one the same share: ten
-#: seconds at 500 Hz for which one channel waits for the others.
+#: Samples of the longest channel that are fed at once, and of each other one the same share: the
+#: channels wait for each other for ten seconds at 500 Hz, longer where one is of a part alone.
 _STRETCH = 5000
 
 

@@ -112,8 +112,8 @@ class HuntingDetectorNode(SuiteNode):
         """Hand what has come to the detector, and publish what it says."""
         if not self._inbox.begun():
             return
-        for channel, stamps_ns, values, _ in self._inbox.take():
-            self._publish(self._detector.update(channel, stamps_ns, values))
+        taken = self._inbox.take()
+        self._publish(self._detector.feed({name: (ns, values) for name, ns, values, _ in taken}))
 
     def _tick(self) -> None:
         """Let the detector know what time it is: channels may be silent."""

@@ -82,7 +82,9 @@ class SimulatorConfig(Settings):
     kick_m: float = setting(
         0.3e-3, 'Size of the bump of the service kick.', unit='m', low=0.0, high=0.02
     )
-    kicks: tuple[float, ...] = setting((), 'Time, s, and size, m, of each bump by itself.')
+    kicks: tuple[float, ...] = setting(
+        (), 'Times, s, and sizes, m, of bumps by themselves, in turn.'
+    )
     seed: int = setting(0, 'Of everything random.', low=0)
     start_with_readers: int = setting(
         0, 'Hold the simulated time until so many drivers are connected.', low=0
@@ -98,7 +100,7 @@ class Pace:
     had. Simulated time therefore waits for the detector, which is the last of the chain. It never
     stands still: the detector may wait in its turn for samples that come only as time goes on.
 
-    Before its first estimate the time counts at which it was first heard: samples that come to
+    Before its first estimate the time counts at which the simulation began: samples that come to
     it by several ways must not be seconds of the rig apart when it begins.
 
     Parameters

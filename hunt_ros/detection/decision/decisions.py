@@ -78,8 +78,8 @@ _DISAGREE_S = 1.0
 def fresh_memory() -> NDArray[np.void]:
     """Return the memory of a detector that has seen nothing: MEMORY, shape (1,)."""
     memory = np.zeros(1, dtype=MEMORY)
-    memory['floor']['square'] = math.nan
-    memory['floor']['intensity'] = math.nan
+    for name in ('square', 'missed', 'intensity'):
+        memory['floor'][name] = math.nan
     for name in ('mean', 'speed', 'at'):
         memory['motion'][name] = math.nan
     memory['motion']['prior'] = switching.BEGINS
@@ -106,8 +106,7 @@ def kept(memory: NDArray[np.void], *, floor: bool, reference: bool) -> NDArray[n
     if reference:
         state['reference'] = old['reference']
     if floor:
-        for name in ('square', 'missed', 'learnt'):
-            fresh['floor'][name] = memory['floor'][name]
+        fresh['floor'] = memory['floor']
     return fresh
 
 
@@ -234,7 +233,9 @@ def _learn(
         floor['square'] = before + weight * (min(a * a, motion['alone']) - before)
         # A kick tells nothing of the noise, nor does the error of the filter behind it.
         if a * a < states.CALM**2 * floor['square']:
-            floor['missed'] += weight * (2.0 * s * s - floor['missed'])
+            error = 2.0 * s * s
+            missed = error if math.isnan(floor['missed']) else floor['missed']
+            floor['missed'] = missed + weight * (error - missed)
             damping = -growth_at(form, v, 0.0) if predictable else 0.0
             # What the tracker makes of the motion and what it misses add up to its mean square.
             driven = max(damping * (floor['square'] + floor['missed']), motion['driven'])

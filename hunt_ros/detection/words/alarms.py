@@ -197,8 +197,9 @@ class AlarmHistory:
                 self.highest[name] = float(np.fmax(self.highest[name], highest))
                 setattr(alarm, name, float(np.fmax(getattr(alarm, name), highest)))
 
-    def acknowledge(self, now_ns: int, by: str) -> None:
-        """Note who has acknowledged all alarms there are."""
+    def acknowledge(self, now_ns: int, by: str, latched: bool) -> None:
+        """Note who has acknowledged all alarms there are, and whether one is latched still."""
+        self._last[1] &= latched  # what is latched by the next row is another one
         for alarm in self.alarms:
             if not alarm.acknowledged_by:
                 alarm.acknowledged_ns, alarm.acknowledged_by = now_ns, by or UNKNOWN

@@ -88,8 +88,9 @@ def reasons_of(row: np.void, basis: Basis) -> tuple[str, ...]:
 
 
 def causes_of(row: np.void) -> list[str]:
-    """Return the codes of what makes a row ERROR or STALE, the gravest first."""
-    return [reason.code for reason in REASONS if reason.code and reason.among(row)]
+    """Return the codes of what makes a row ERROR or STALE: of the motion, then of channels."""
+    found = [each for each in REASONS if each.code and each.among(row)]
+    return [each.code for each in sorted(found, key=lambda each: each.column.endswith('_wrong'))]
 
 
 def reason_counts(rows: NDArray[np.void]) -> Counter[str]:

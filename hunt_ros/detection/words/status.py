@@ -230,7 +230,7 @@ class Transitions:
             # How long a fault has lasted when it is found, s.
             ages = {
                 health.NO_VALUE: timeout_ns / NANOSECONDS,
-                health.STUCK: health.STUCK_S,
+                health.STUCK: health.stuck_s(self.basis.config, name),
                 health.CONTRADICTED: CONTRADICTED_S,
             }
             found = {
@@ -241,7 +241,7 @@ class Transitions:
             told = []
             for bit, age in found.items():
                 by = f' by more than {TOLERANCE_MPS:g} m/s' if bit == health.CONTRADICTED else ''
-                told.append(health.WORDS[bit] + by + (f' for {age:g} s' if age else ''))
+                told.append(health.WORDS[bit] + by + (f' for {age:.3g} s' if age else ''))
             yield 'sensor_fault', 'sensor', f'{name}: {", ".join(told)}', since_ns
         elif old & health.FAULTS and not new & health.FAULTS:
             cause = f'{name}: no fault is left{self._after(f"{name} fault", over_ns)}'

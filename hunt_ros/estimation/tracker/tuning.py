@@ -199,6 +199,8 @@ def tune(f: at.Filter, k: int, dt: float, count: float) -> None:
             size = step * unit / math.sqrt(cosine * cosine + sine * sine)
             sensor.lines[j].band = decay * sensor.lines[j].band + size * complex(cosine, sine)
             share_with_line(f, k, j, dt)
+        else:
+            sensor.lines[j].since = f.time  # its means begin when it is seen
     if not settled:
         return
     rate = 0.5 * dt / at.BANDWIDTH_TIME

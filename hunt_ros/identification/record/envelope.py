@@ -29,8 +29,7 @@ STEP_CYCLES = 1.5
 WINDOW_VARIANCE = 0.1017
 #: Mean distance of two instants drawn from it.
 WINDOW_REACH = 0.3629
-#: Correlation of white noise between two windows one step apart. Taken for none, of seven records
-#: with a tenth of sensor noise two were said not to fit the law, where one is.
+#: Correlation of white noise between two windows one step apart.
 WINDOW_OVERLAP = 0.0896
 
 #: Half the span of the local fit, in steps of the envelope.

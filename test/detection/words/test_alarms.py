@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from fed import Moving
 from made import SECOND
 
 from hunt_ros.detection.output import Output
+from hunt_ros.detection.regions import State
 from hunt_ros.detection.words.alarms import KEPT, AlarmHistory
 from hunt_ros.samples import Series
 
@@ -77,6 +79,21 @@ def test_blocks_and_a_replay_do_not_change_the_history() -> None:
     assert again.history.to_text() == parted.history.to_text()
     again.reset()
     assert not again.history.alarms
+
+
+def test_what_hunts_again_in_the_row_after_an_acknowledgement_is_another_alarm() -> None:
+    output = episode(Moving())
+    escape = next(event for event in output.events if event.event == 'escaping')
+    rows = output.estimates[output.estimates['stamp_ns'] >= escape.stamp_ns][:1].repeat(3)
+    rows['stamp_ns'] += 10_000_000 * np.arange(3)
+    rows['state'][1] = State.DECAYING  # latched still
+    again = replace(escape, stamp_ns=int(rows['stamp_ns'][2]))
+    history = AlarmHistory(10_000_000)
+    history.update(rows[:2], [escape])
+    history.acknowledge(int(rows['stamp_ns'][1]), 'Mia', latched=False)
+    history.update(rows[2:], [again])
+    assert history.count == 2
+    assert history.codes == ['escaping']
 
 
 def test_the_oldest_alarms_go_and_the_totals_stay() -> None:
