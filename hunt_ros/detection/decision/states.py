@@ -30,7 +30,7 @@ limit cycle  falls, or over                decaying     -
 probability; *returns*: it does not. *Arrived*: it is on the stable branch. By the model that
 switches (`switching`): *growing*: it hunts, and grows rather than being in a cycle, where the form
 knows no limit cycle to escape to; *steady*: it hunts, is in a cycle, may be the hunting of the
-form, and is not far below a limit cycle that it grows to by the form; *falls*: it does not hunt.
+form, and is not on its way to a limit cycle of the form; *falls*: it does not hunt.
 *Over*: it does not, as likely as not, and is small beside what it was.
 The two are shown as one word, the `State`: while it hunts that of the hunting, else that of
 the motion. Called by the kernel of the decisions, row by row.
@@ -87,6 +87,8 @@ _SAME = 0.7
 _GONE = 0.1
 #: An amplitude is sure to be less than it seems plus this many standard deviations.
 _SURE = 3.0
+#: A growth rate is positive for sure from so many of them.
+_SURE_GROWTH = 2.0
 #: It hunts from this posterior probability on, and not any more as far below one; between them it
 #: is not decided.
 LIKELY = 0.98
@@ -136,8 +138,11 @@ def judge(
     beyond = chance > (AS_LIKELY if hunting == ESCAPING else rules.probability_in)
     beyond &= disturbed or math.isnan(quiet)
     steady = likely and motion['cycles'] > motion['grows']
-    # What the form has grow to more than twice the amplitude does so, slow as it may be.
-    steady &= not (beyond and a < SMALLEST * out['stable_amplitude'])
+    # On its way to the limit cycle of the form is what grows for sure, and what has less than half
+    # of its amplitude, slow as it may be.
+    grows = out['growth_rate'] > _SURE_GROWTH * out['growth_rate_std']
+    way = (_CYCLE if grows else SMALLEST) * out['stable_amplitude']
+    steady &= not (beyond and a < way)
     growing = likely and not steady and math.isnan(out['stable_amplitude'])
     # What is left of it is small for sure: an estimate that has just begun anew knows little.
     small = not a + _SURE * s > _SAME * memory['reference']

@@ -35,10 +35,12 @@ class Machine:
         hunts: float = 0.5,
         edge: float = EDGE,
         stable: float = CYCLE,
+        growth: float = 0.0,
     ) -> State:
         row = blank_rows(np.zeros(1, dtype=np.int64))
         row['noise_floor'], row['escape_probability'] = FLOOR, probability
         row['unstable_amplitude'], row['stable_amplitude'] = edge, stable
+        row['growth_rate'], row['growth_rate_std'] = growth, 0.1
         memory = self.memory[0]
         memory['motion']['cycles'] = hunts
         for _ in range(rows):
@@ -110,6 +112,7 @@ def test_what_grows_slowly_far_below_the_limit_cycle_of_the_form_is_not_in_it() 
     small = 0.16 * CYCLE  # as steady as a cycle, for a while
     assert machine.feed(small, 1.0, HOLD, hunts=0.999, edge=0.1 * EDGE) is State.ESCAPING
     assert machine.feed(small, 1.0, 1000, hunts=0.999, edge=0.1 * EDGE) is State.ESCAPING
+    assert machine.feed(0.6 * CYCLE, 1.0, 100, hunts=0.999, growth=0.8) is State.ESCAPING
     # A form may be wrong about the size.
     assert machine.feed(0.6 * CYCLE, 1.0, hunts=0.999) is State.LIMIT_CYCLE
 
