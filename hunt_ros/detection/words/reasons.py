@@ -72,10 +72,14 @@ class Reason(NamedTuple):
     numbers: Callable[[np.void, Basis], str] | None = None
     code: str = ''
 
-    def among(self, rows: Any) -> Any:
-        """Return for rows (ESTIMATE_DTYPE), or for one, whether it is a reason: not 0."""
-        found = rows[self.column]
-        return (1 << found.astype(np.uint32) if self.column == 'state' else found) & self.bit
+    def among(self, row: np.void) -> bool:
+        """Whether it is a reason in a row (ESTIMATE_DTYPE)."""
+        return bool(_bits(row, self.column) & self.bit)
+
+
+def _bits(rows: Any, column: str) -> Any:
+    """Return the bits in a column of rows (ESTIMATE_DTYPE), or of one."""
+    return 1 << rows[column].astype(np.uint32) if column == 'state' else rows[column]
 
 
 def reasons_of(row: np.void, basis: Basis) -> tuple[str, ...]:
@@ -95,7 +99,12 @@ def causes_of(row: np.void) -> list[str]:
 
 def reason_counts(rows: NDArray[np.void]) -> Counter[str]:
     """Count the rows (ESTIMATE_DTYPE) that each reason made WARN or worse, without numbers."""
-    return +Counter({each.words: int(np.count_nonzero(each.among(rows))) for each in REASONS})
+    bits = {column: _bits(rows, column) for column in {each.column for each in REASONS}}
+    seen = {column: np.bitwise_or.reduce(found) for column, found in bits.items()}
+    there = [each for each in REASONS if seen[each.column] & each.bit]
+    return Counter(
+        {each.words: int(np.count_nonzero(bits[each.column] & each.bit)) for each in there}
+    )
 
 
 def absent_words(row: np.void) -> tuple[str, ...]:
