@@ -52,6 +52,8 @@ def test_the_intensity_is_right_and_its_spread_is_honest(damping: float, lag_s: 
         off.append(math.log(rows['noise_intensity'][-1] / true))
     spread = float(memory['floor']['spread'][0])
     assert abs(np.mean(off)) < max(0.4, 1.2 * spread)
+    # One spread for filters of any lag, which is not known here: the steps of the motion tell D to
+    # 0.2 without a lag, and 0.6 too little with one of 0.15 s, at the least damping.
     assert 0.25 < math.sqrt(np.mean(np.square(off))) / spread < 1.5
 
 
