@@ -10,15 +10,15 @@ No line without evidence: what cannot be seen does not end.
 hunting      evidence                      to           hold time
 ===========  ============================  ===========  ====================
 no           beyond                        escaping     escape
-             arrived                       limit cycle  cycle
+             arrived                       limit cycle  escape
              steady                        limit cycle  -
              growing                       escaping     -
-escaping     arrived                       limit cycle  cycle
+escaping     arrived                       limit cycle  escape
              steady                        limit cycle  -
              beyond, growing               escaping     -
              returns                       decaying     quiet
              falls, or over                decaying     -
-decaying     arrived                       limit cycle  cycle
+decaying     arrived                       limit cycle  escape
              steady                        limit cycle  -
              beyond                        escaping     escape
              growing                       escaping     -
@@ -74,9 +74,8 @@ BEYOND, ARRIVED, STEADY, GROWING, COMES_BACK, FALLS, OVER = range(1, 8)
 #: above k of them with the probability exp(-k^2): 1e-4 and 2 %.
 CLEAR, CALM = 3.0, 2.0
 # Hold times, s of the reference rig. A blow is a disturbance at once; what crosses zero growth on
-# its way down is not quiet yet; what the filter overshoots after a kick is over before it counts;
-# a motion passes through the limit cycle on its way.
-DISTURBED_S, QUIET_S, ESCAPE_S, CYCLE_S = 0.02, 0.5, 0.1, 1.0
+# its way down is not quiet yet; what the filter overshoots after a kick is over before it counts.
+DISTURBED_S, QUIET_S, ESCAPE_S = 0.02, 0.5, 0.1
 #: On the limit cycle from this part of the stable branch on, whose place is known to 10 % or so.
 _CYCLE = 0.85
 #: `escaping` is withdrawn once it is as likely to come back.
@@ -138,11 +137,11 @@ def judge(
     beyond = chance > (AS_LIKELY if hunting == ESCAPING else rules.probability_in)
     beyond &= disturbed or math.isnan(quiet)
     steady = likely and motion['cycles'] > motion['grows']
-    # On its way to the limit cycle of the form is what grows for sure, and what has less than half
-    # of its amplitude, slow as it may be.
+    # On its way to the limit cycle of the form is what grows for sure, up to its amplitude, and
+    # what has less than half of that, slow as it may be.
     grows = out['growth_rate'] > _SURE_GROWTH * out['growth_rate_std']
-    way = (_CYCLE if grows else SMALLEST) * out['stable_amplitude']
-    steady &= not (beyond and a < way)
+    away = a < (1.0 if grows else SMALLEST) * out['stable_amplitude']
+    steady &= not (beyond and away)
     growing = likely and not steady and math.isnan(out['stable_amplitude'])
     # What is left of it is small for sure: an estimate that has just begun anew knows little.
     small = not a + _SURE * s > _SAME * memory['reference']
@@ -152,7 +151,7 @@ def judge(
     # In strong noise a cycle dips into it; far below what it was it is over for sure.
     over &= hunts < AS_LIKELY or a + _SURE * s < _GONE * memory['reference']
     # A branch that comes from zero has the noise on it.
-    arrived = chance > AS_LIKELY and a > _CYCLE * out['stable_amplitude']
+    arrived = chance > AS_LIKELY and a > _CYCLE * out['stable_amplitude'] and not away
     arrived &= disturbed or not math.isnan(out['unstable_amplitude'])
     # On the stable branch it falls as that does, with the speed.
     ends = falls and seen and not arrived
@@ -168,7 +167,7 @@ def judge(
     elif beyond and hunting == NO:  # before `arrived`: a bump may land on the limit cycle
         want, wait, cause = ESCAPING, ESCAPE_S, BEYOND
     elif arrived:
-        want, wait, cause = LIMIT_CYCLE, CYCLE_S, ARRIVED
+        want, wait, cause = LIMIT_CYCLE, ESCAPE_S, ARRIVED
     elif steady and of_the_form:
         want, cause = LIMIT_CYCLE, STEADY
     elif beyond:

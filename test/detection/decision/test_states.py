@@ -56,9 +56,9 @@ class Machine:
         return State(states.word_of(memory['state']))
 
 
-DISTURBED, QUIET, ESCAPE, CYCLE_ROWS = (
+DISTURBED, QUIET, ESCAPE = (
     rows_of(RULES, seconds)
-    for seconds in (states.DISTURBED_S, states.QUIET_S, states.ESCAPE_S, states.CYCLE_S)
+    for seconds in (states.DISTURBED_S, states.QUIET_S, states.ESCAPE_S)
 )
 HOLD = ESCAPE + 2
 
@@ -102,7 +102,7 @@ def test_inside_the_noise_nothing_escapes() -> None:
 def test_the_limit_cycle_is_reached_kept_and_left() -> None:
     machine = Machine()
     machine.feed(EDGE * 1.5, 1.0, HOLD)
-    assert machine.feed(0.9 * CYCLE, 1.0, CYCLE_ROWS + 2) is State.LIMIT_CYCLE
+    assert machine.feed(0.9 * CYCLE, 1.0, HOLD) is State.LIMIT_CYCLE
     assert machine.feed(0.75 * CYCLE, 1.0, 500) is State.LIMIT_CYCLE  # slower: a smaller cycle
     assert machine.feed(0.5 * CYCLE, 1.0, hunts=0.01) is State.DECAYING
 
@@ -140,7 +140,7 @@ def test_no_state_lasts_for_less_than_the_hold_of_the_next(rows) -> None:
         State.QUIET: QUIET,
         State.DISTURBED: DISTURBED,
         State.ESCAPING: ESCAPE,
-        State.LIMIT_CYCLE: CYCLE_ROWS,
+        State.LIMIT_CYCLE: ESCAPE,
         State.DECAYING: 0,
     }
     last, lasted = State.QUIET, 10**6
