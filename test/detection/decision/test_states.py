@@ -57,8 +57,7 @@ class Machine:
 
 
 DISTURBED, QUIET, ESCAPE = (
-    rows_of(RULES, seconds)
-    for seconds in (states.DISTURBED_S, states.QUIET_S, states.ESCAPE_S)
+    rows_of(RULES, seconds) for seconds in (states.DISTURBED_S, states.QUIET_S, states.ESCAPE_S)
 )
 HOLD = ESCAPE + 2
 
