@@ -200,6 +200,50 @@ def test_the_diagram_is_whole_on_a_laptop_also_while_the_drive_is_held(page, liv
         )
 
 
+#: How far the trail lies from where its axes put it, pixels: left, right, top, bottom.
+_TRAIL_OFF = """() => {
+  const plot = figures.diagram;
+  const canvas = plot.over.querySelector('canvas');
+  const {width, height} = canvas;
+  const {data} = canvas.getContext('2d').getImageData(0, 0, width, height);
+  const seen = [[], []];
+  for (let cell = 0; cell < width * height; cell += 1) if (data[4 * cell + 3] > 100) {
+    seen[0].push((cell % width) + 0.5);
+    seen[1].push(Math.floor(cell / width) + 0.5);
+  }
+  const rows = streams.trail.rows.filter(([speed]) => speed !== null);
+  const end = (values, most) => values.reduce((a, b) => most(a, b));
+  return ['x', 'y'].flatMap((scale, axis) => {
+    const wanted = rows.map((row) => plot.valToPos(row[axis], scale));
+    const pixel = plot.over.clientWidth / width;
+    return [Math.min, Math.max].map(
+      (most) => Math.abs(pixel * end(seen[axis], most) - end(wanted, most)));
+  });
+}"""
+
+
+def test_the_trail_stays_on_the_branches_when_the_place_changes_and_nothing_is_told(
+    page, live
+) -> None:
+    for speed, amplitude in (('6.5', '1e-04'), ('7.5', '6e-04')):
+        live.status |= {'speed_mps': speed, 'amplitude_m': amplitude}
+        page.wait_for_function(
+            f'() => (streams.trail?.rows ?? []).some(([v]) => v === {float(speed)})'
+        )
+    live.speaks = False
+    link(page, 'silent')
+    page.wait_for_function('() => !shown.point')
+    for width, height in ((1366, 700), (1366, 900), (1200, 650)):
+        page.set_viewport_size({'width': width, 'height': height})
+        page.wait_for_function(
+            """() => Math.abs(figures.diagram.height - byId('diagram').clientHeight) < 1
+              && Math.abs(figures.diagram.width - byId('diagram').clientWidth) < 1"""
+        )
+        page.evaluate('() => new Promise((after) => requestAnimationFrame(after))')
+        off = page.evaluate(_TRAIL_OFF)
+        assert max(off) < 2.0, (width, height, off)
+
+
 def test_the_name_is_asked_once_and_a_refusal_stays_until_it_is_closed(page, live) -> None:
     live.status |= {'alarm': 'True'}
     page.click('text=acknowledge alarm')

@@ -64,9 +64,11 @@ function makeFigures() {
   if (!window.uPlot) return;
   make('diagram', [`running speed v (${unit()})`, 0, 10], ['amplitude of y (mm)', 0, 5],
     [['stable', 2.5], ['unstable', 2.5, [9, 6]], ['stable', 2.5], ['unstable', 2.5, [9, 6]]],
-    {drawAxes: [drawBands], draw: [drawSpeeds]});
-  const above = document.createElement('canvas');
-  figures.diagram.over.append(above);
+    {
+      init: [(plot) => plot.over.append(document.createElement('canvas'))],
+      drawAxes: [drawBands],
+      draw: [drawSpeeds, drawAbove],   // also when only its place has changed
+    });
   for (const [name, [label]] of Object.entries(TRACES)) {
     const edges = [['unstable', 2], ['unstable', 2], ['muted', 2, [6, 4]], ['muted', 2, [6, 4]]];
     make(name, ['s before now', -20, 0], [label, -1, 1], [['stable', 1], ...edges]);
@@ -87,7 +89,6 @@ function drawPoint() {
   const {status, diagram} = sections;
   const known = status && !status.silent && !lost() && status.speed !== null && status.amplitude_mm !== null;
   const size = known ? status.amplitude_mm : 0;
-  const std = known ? 1.96 * (status.amplitude_std_mm ?? 0) : 0;
   let low = diagram ? diagram.low : 0;
   let high = diagram ? diagram.high : 10;
   if (known) {
@@ -101,8 +102,9 @@ function drawPoint() {
   const now = [diagram, low, high, reached];
   if (now.some((each, index) => each !== drawn[index])) { drawn = now; drawBranches(...now); }
   shown.point = known ? [status.speed, size] : null;
+  shown.std = known ? 1.96 * (status.amplitude_std_mm ?? 0) : 0;
   shown.colour = palette[document.body.dataset.level.toLowerCase()];
-  drawAbove(std);
+  drawAbove(figures.diagram);
 }
 
 function drawBranches(diagram, low, high, top) {
@@ -165,8 +167,7 @@ function drawSpeeds(plot) {
 }
 
 // The trail and the point: the only things in the diagram that move.
-function drawAbove(std) {
-  const plot = figures.diagram;
+function drawAbove(plot) {
   const canvas = plot.over.querySelector('canvas');
   const [wide, high] = [plot.over.clientWidth, plot.over.clientHeight];
   const [columns, rows] = [Math.round(wide * devicePixelRatio), Math.round(high * devicePixelRatio)];
@@ -191,8 +192,8 @@ function drawAbove(std) {
   ctx.strokeStyle = palette.ink;
   ctx.lineWidth = 0.19 * rem;
   ctx.beginPath();
-  ctx.moveTo(x, at(0, Math.max(0, shown.point[1] - std))[1]);
-  ctx.lineTo(x, at(0, shown.point[1] + std)[1]);
+  ctx.moveTo(x, at(0, Math.max(0, shown.point[1] - shown.std))[1]);
+  ctx.lineTo(x, at(0, shown.point[1] + shown.std)[1]);
   ctx.stroke();
   ctx.fillStyle = shown.colour;
   ctx.beginPath();
@@ -325,7 +326,6 @@ function beginFigures() {
       const plot = figures[target.id];
       if (plot) plot.setSize(sizeOf(width, height));
     }
-    drawPoint();
   });
   for (const place of document.querySelectorAll('figure > div')) watch.observe(place);
 }
