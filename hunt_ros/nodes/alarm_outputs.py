@@ -61,7 +61,7 @@ class AlarmOutputsNode(SuiteNode):
         hear(self, 'speed/status', self._on_drive)
         hear(self, 'hunting/events', self._on_event)
         self.create_timer(_LOOK_S, self._look, clock=steady_clock())
-        Calls(self, {'test-alarm': self._on_test}, beside=True)
+        Calls(self, {'test-alarm': self._on_test}, beside=['test-alarm'])
         for name in self._outputs:
             self.work(name, partial(self._keep, name))
 

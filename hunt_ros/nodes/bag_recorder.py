@@ -170,7 +170,7 @@ class BagRecorderNode(SuiteNode):
             'split-recording': self._on_split,
             'mark': self._on_mark,
         }
-        Calls(self, answers, beside=True)
+        Calls(self, answers, beside=answers)
         # A long repair of an earlier recording must not keep this one from beginning.
         self.work('closing earlier recordings', self._finalise, 0.0)
         self.create_timer(_ROUND_S, self._round, clock=steady_clock())

@@ -160,13 +160,13 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             'start-profile': lambda said: _done(guard.start(now(), said.who)),
             'resume-profile': lambda said: _done(guard.start(now(), said.who, resume=True)),
             'shelve-alarm': lambda said: guard.shelve(said.words, said.who),
+            'emergency-stop': self._emergency_stop,
         }
-        Calls(self, asked)
         self.create_timer(SET_POINT_S, self._send_next, clock=self._steady)
         self.create_timer(_WATCH_S, self._watch, clock=self._steady)
         self.create_timer(_STATUS_S, self._report, clock=self._steady)
-        # Of its own thread: it waits for the encoder, and works where the executor hangs.
-        Calls(self, {'emergency-stop': self._emergency_stop}, beside=True)
+        # The stop of its own thread: it waits for the encoder, and works where the executor hangs.
+        Calls(self, asked, beside=['emergency-stop'])
         self._keeper = Worker(self._diagnostics.failed, 'safety state', self._keep)
         interlock = self._guard.interlock
         if interlock.state != 'armed':

@@ -302,6 +302,8 @@ def test_a_call_with_words_shelves_an_alarm_and_no_trip(graph, resident, detecto
     assert words.wait_for_all_acked(Duration(seconds=30.0))
     assert rig.arm(False).success
     rig.until(interlock_cause='disarmed by mia@pc: nothing slows the roller')
+    # Who calls waits until one reader of its words is there: another one might still hear nothing.
+    assert words.get_subscription_count() == 1
 
 
 def test_nobody_can_make_a_speed_node_inactive(graph, resident, detector) -> None:

@@ -7,7 +7,7 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import Any, NamedTuple
@@ -225,26 +225,28 @@ class Calls:
     answers : mapping of str to callable
         Of each service, by its word in `SERVICES`, what does the work: it gets what was said, and
         returns the message of the answer; an error is the answer of a service that failed.
-    beside : bool
-        They are answered one by one in a thread of their own.
+    beside : collection of str
+        Those of them that are answered one by one in a thread of their own.
     """
 
     def __init__(
-        self, node: SuiteNode, answers: Mapping[str, Callable[[Said], str]], beside: bool = False
+        self,
+        node: SuiteNode,
+        answers: Mapping[str, Callable[[Said], str]],
+        beside: Collection[str] = (),
     ) -> None:
         topic = f'{node.get_name()}/calls'
         self._subscription = node.create_polled_subscription(String, topic, stream(10))
         self._answers, self._logger = answers, node.get_logger()
         self._said = {word: deque[tuple[int, Said]](maxlen=_CALLS) for word in answers}
         self._taking = threading.Lock()
+        self._offer([word for word in answers if word not in beside], node)
         if beside:
-            node.beside('services', self._offer)
-        else:
-            self._offer(node)
+            node.beside('services', partial(self._offer, beside))
 
-    def _offer(self, node: Node) -> None:
+    def _offer(self, offered: Iterable[str], node: Node) -> None:
         named: dict[str, dict[str, str]] = {}
-        for word in self._answers:
+        for word in offered:
             named.setdefault(SERVICES[word].name, {})[SERVICES[word].switch] = word
         for name, words in named.items():
             kind = Trigger if '' in words else SetBool
