@@ -205,7 +205,7 @@ class HuntingDetector:
             Who does; '' where that is not known.
         """
         self._rows.acknowledge()
-        self.history.acknowledge(now_ns, by, self._rows.alarm)
+        self.history.acknowledge(now_ns, by)
         self._door.note('acknowledged', now_ns=now_ns, text=by)
         ends = ': the alarm ends with the hunting' if self._rows.alarm else ''
         return self._say('acknowledged', f'by {by or UNKNOWN}{ends}', 'operator', now_ns)

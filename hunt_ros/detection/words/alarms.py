@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hunt_ros.detection.decision.limits import ALARMS
+from hunt_ros.detection.decision.limits import ALARMS, LIMITS
 from hunt_ros.detection.output import Event
 from hunt_ros.detection.regions import State
 from hunt_ros.samples import NANOSECONDS, known
@@ -59,6 +59,8 @@ class Alarm:
         0 where nobody has.
     acknowledged_by : str
         The name that came with it, or 'unknown'; '' where nobody has.
+    causes : int
+        What latched it, as `decide` counts it: 1 the hunting, 2 << k the limit k.
     """
 
     began_ns: int
@@ -71,6 +73,13 @@ class Alarm:
     highest_yaw_amplitude_rad: float = math.nan
     acknowledged_ns: int = 0
     acknowledged_by: str = ''
+    causes: int = 0
+
+    @property
+    def codes(self) -> list[str]:
+        """Codes of what latched it (docs/alarm.md)."""
+        limits = [each.setting for k, each in enumerate(LIMITS) if self.causes & 2 << k]
+        return [self.reached, *limits] if self.causes & 1 else limits
 
     def to_json(self, origin_ns: int = 0) -> dict[str, Any]:
         """
@@ -127,8 +136,8 @@ class AlarmHistory:
     def __init__(self, period_ns: int) -> None:
         self._period_ns = period_ns
         self.alarms: deque[Alarm] = deque(maxlen=KEPT)
-        #: Of the last row whether an alarm lasts, and the latched one.
-        self._last = np.zeros(2, dtype=np.bool_)
+        #: Of the last row the causes of an alarm, and whether one lasts.
+        self._causes, self._lasts = 0, False
         self._hunting_rows = 0
         self.count = 0
         self.since_ns: int | None = None
@@ -142,8 +151,8 @@ class AlarmHistory:
     @property
     def codes(self) -> list[str]:
         """Codes of those that nobody has acknowledged (docs/alarm.md)."""
-        open_ones = [alarm for alarm in self.alarms if not alarm.acknowledged_by]
-        return [each.test if each.reached == _FAR[0] else each.reached for each in open_ones]
+        open_ones = (alarm.codes for alarm in self.alarms if not alarm.acknowledged_by)
+        return list(itertools.chain.from_iterable(open_ones))
 
     @property
     def hunting_hours(self) -> float:
@@ -165,21 +174,26 @@ class AlarmHistory:
             self.since_ns = int(rows['stamp_ns'][0])
         hunting = rows['state'] >= State.ESCAPING
         self._hunting_rows += int(np.count_nonzero(hunting))
-        now = np.array([hunting | ((rows['limits'] & np.uint32(ALARMS)) != 0), rows['alarm']])
-        before = np.column_stack([self._last, now[:, :-1]])
-        self._last = now[:, -1]
-        # One that was taken back while it decayed is over where the latch says that there is one.
-        begun, over = (now & ~before).any(axis=0), before[0] & ~now[0]
-        cuts = np.flatnonzero(begun | over).tolist()
+        limits = rows['limits'].astype(np.int64) & ALARMS
+        causes = 2 * limits + (hunting & (rows['state'] != State.DECAYING))
+        lasts = hunting | (limits != 0)
+        new = causes & ~np.append(self._causes, causes[:-1])
+        over = np.append(self._lasts, lasts[:-1]) & ~lasts
+        self._causes, self._lasts = int(causes[-1]), bool(lasts[-1])
+        cuts = np.flatnonzero((new != 0) | over).tolist()
         for begin, end in itertools.pairwise(sorted({0, *cuts, rows.size})):
-            stamp_ns = int(rows['stamp_ns'][begin])
-            if (begun[begin] or over[begin]) and (alarm := self._lasting):
+            stamp_ns, alarm = int(rows['stamp_ns'][begin]), self._lasting
+            # What comes beside one that nobody has acknowledged belongs to it.
+            begins = new[begin] and (alarm is None or alarm.acknowledged_by)
+            if alarm and (begins or over[begin]):
                 alarm.over_ns = stamp_ns
             said = [event for event in events if event.stamp_ns == stamp_ns and _begins(event)]
-            if begun[begin] and said:
+            if begins and said:
                 self.count += 1
                 began_ns, cause, test = said[0].since_ns, said[0].cause, said[0].test
                 self.alarms.append(Alarm(began_ns, stamp_ns, cause, test, _FAR[0]))
+            if lasting := self._lasting:
+                lasting.causes |= int(new[begin])
             self._measure(rows[begin:end])
 
     def _measure(self, rows: NDArray[np.void]) -> None:
@@ -197,9 +211,8 @@ class AlarmHistory:
                 self.highest[name] = float(np.fmax(self.highest[name], highest))
                 setattr(alarm, name, float(np.fmax(getattr(alarm, name), highest)))
 
-    def acknowledge(self, now_ns: int, by: str, latched: bool) -> None:
-        """Note who has acknowledged all alarms there are, and whether one is latched still."""
-        self._last[1] &= latched  # what is latched by the next row is another one
+    def acknowledge(self, now_ns: int, by: str) -> None:
+        """Note who has acknowledged all alarms there are."""
         for alarm in self.alarms:
             if not alarm.acknowledged_by:
                 alarm.acknowledged_ns, alarm.acknowledged_by = now_ns, by or UNKNOWN

@@ -90,10 +90,46 @@ def test_what_hunts_again_in_the_row_after_an_acknowledgement_is_another_alarm()
     again = replace(escape, stamp_ns=int(rows['stamp_ns'][2]))
     history = AlarmHistory(10_000_000)
     history.update(rows[:2], [escape])
-    history.acknowledge(int(rows['stamp_ns'][1]), 'Mia', latched=False)
+    history.acknowledge(int(rows['stamp_ns'][1]), 'Mia')
     history.update(rows[2:], [again])
     assert history.count == 2
     assert history.codes == ['escaping']
+
+
+def _cycles(rig: Moving, amplitude_m: float, seconds: float = 8.0) -> list[str]:
+    """Go on with a limit cycle; return the codes of the status."""
+    rig.move(np.full(round(200.0 * seconds), amplitude_m))
+    return str(rig.detector.status.values['causes']).split()
+
+
+@pytest.mark.parametrize('acknowledged', [True, False])
+def test_a_limit_that_is_exceeded_in_a_limit_cycle_is_kept_with_its_code(
+    acknowledged: bool,
+) -> None:
+    """In `measure` a limit cycle calls nobody: what is latched beside it must be told."""
+    rig = Moving(alarm_lateral_mm=0.7)
+    rig.move(np.minimum(20e-6 * np.exp(np.arange(2400) / 200.0), CYCLE_M))
+    if acknowledged:
+        rig.outputs.append(rig.detector.acknowledge(by='Mia'))
+    assert _cycles(rig, CYCLE_M) == ['limit_cycle']
+    assert _cycles(rig, 0.8e-3) == ['limit_cycle', 'alarm_lateral_mm']
+    assert _cycles(rig, 0.5e-3) == ['limit_cycle', 'alarm_lateral_mm'], 'over, and latched'
+    assert rig.detector.history.count == 1 + acknowledged
+    last = rig.detector.history.alarms[-1]
+    assert last.test.startswith('alarm_') is acknowledged
+    rig.outputs.append(rig.detector.acknowledge(by='Mia'))
+    assert _cycles(rig, 0.5e-3) == ['limit_cycle']
+    assert not rig.detector.history.codes
+    rig.assert_replayed()
+
+
+def test_hunting_that_begins_above_a_limit_that_was_acknowledged_is_kept_with_its_code() -> None:
+    rig = Moving(alarm_lateral_mm=0.001)
+    rig.move(np.full(1000, 20e-6))
+    rig.outputs.append(rig.detector.acknowledge(by='Mia'))
+    rig.move(np.minimum(20e-6 * np.exp(np.arange(2400) / 200.0), CYCLE_M))
+    assert rig.detector.status.alarm
+    assert rig.detector.history.codes == ['limit_cycle']
 
 
 def test_the_oldest_alarms_go_and_the_totals_stay() -> None:
