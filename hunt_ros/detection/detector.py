@@ -121,8 +121,7 @@ class HuntingDetector:
         HuntError
             As `update`; what stands before in the mapping has been taken.
         """
-        for channel, (stamps_ns, values) in samples.items():
-            self._door.push(channel, stamps_ns, values)
+        self._door.take(samples)
         return self._advance()
 
     def tick(self, now_ns: int) -> Output:

@@ -117,8 +117,17 @@ class Door:
             'received': {name: channel.received for name, channel in found.items()},
         }
 
-    def push(self, name: str, stamps_ns: ArrayLike, values: ArrayLike) -> None:
-        """Take samples of one channel in, see `HuntingDetector.update`."""
+    def take(self, samples: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> None:
+        """Take samples in, see `HuntingDetector.feed`."""
+        before = self.received(self.channels)
+        back = [self.push(name, *each) for name, each in samples.items()]
+        if any(back):
+            # What has come too late goes by the rows there were: those, and then these samples.
+            for received in (before, self.received(self.channels)):
+                self.note('back', **received)
+
+    def push(self, name: str, stamps_ns: ArrayLike, values: ArrayLike) -> bool:
+        """Take samples of one channel in; True where a clock that had leapt is back."""
         if name not in self.channels:
             raise HuntError(f'channel {name!r} is not one of {tuple(self.channels)}')
         stamps = np.atleast_1d(np.asarray(stamps_ns, dtype=np.int64)).clip(-_MOST_NS, _MOST_NS)
@@ -129,7 +138,7 @@ class Door:
                 ' expected one value a stamp'
             )
         if not stamps.size:
-            return
+            return False
         channel = self.channels[name]
         if not channel.received:
             self.note('heard', channels={name: int(stamps[0])})
@@ -141,6 +150,7 @@ class Door:
             while len(channel.queues) > 1 and len(channel.queues[-1].stamps) > _WAITING:
                 channel.refused['clock'] += _WAITING // 2
                 channel.queues[-1].drop(1, 1 + _WAITING // 2, BACKWARD)
+        any_back = False
         for moved, channel in self.channels.items():
             back = False
             while (stamp := channel.returned_ns()) is not None and self._is_time(stamp, channel):
@@ -151,6 +161,8 @@ class Door:
             elif self.position_ns is not None:  # what lies behind it has come too late
                 end = bisect_right(channel.queues[0].stamps, self.position_ns)
                 channel.drop(0, end, LATE)
+            any_back |= back
+        return any_back
 
     def _is_time(self, stamp_ns: int, apart: Channel) -> bool:
         """Return True if another channel came to a stamp in the present epoch without a leap."""

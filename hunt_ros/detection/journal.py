@@ -18,6 +18,7 @@ from hunt_ros.settings import Settings
 KINDS = (
     'start',  # of the detector: with `config`
     'heard',  # the first samples of `channels` since the start
+    'back',  # twice, before and behind the samples with which a clock that had leapt is back
     'released',  # tick: `channels` were silent and are not waited for any more
     'offset',  # tick: `offsets` are added to the stamps of `channels` that come after it
     'resumed',  # tick: `channels` speak again and are waited for

@@ -173,19 +173,25 @@ def test_a_channel_silent_while_the_clock_was_set_back_is_back_with_the_others(
     assert found.level_rows.total() * found.period_ns / 1e9 == pytest.approx(20.0, abs=0.1)
 
 
+@pytest.mark.parametrize('held_up_s', [0.0, 0.15, 0.6, 1.5])
 @pytest.mark.parametrize('ahead_s', [3.0, 9.0])
 def test_a_live_run_in_which_a_clock_leapt_ahead_for_a_while_is_repeated(
-    recorded, ahead_s
+    recorded, ahead_s, held_up_s
 ) -> None:
+    """Also where the detector was itself held up when that clock came back."""
     record = recorded(7.2, 14.0)
     stamps = record['yaw'].stamps_ns
     leaps = (stamps > 6_000_000_000) & (stamps < 8_000_000_000)
     moved = stamps + np.where(leaps, round(ahead_s * 1e9), 0)
     spoilt = {**record, 'yaw': Series(moved, record['yaw'].values)}
     rig = Fed(HuntingDetector(DetectorConfig(), PAPER))
-    for _ in rig.play(spoilt, range(_TICK_NS, 15_000_000_000, _TICK_NS), {'yaw': stamps}):
+    times = np.arange(_TICK_NS, 15_000_000_000, _TICK_NS)
+    held_up = (times > 7_980_000_000) & (times < 7_980_000_000 + held_up_s * 1e9)
+    for _ in rig.play(spoilt, times[~held_up].tolist(), {'yaw': stamps}):
         pass
     rig.assert_replayed()
+    with patch('hunt_ros.detection.replay._STRETCH', 300):
+        rig.assert_replayed()
 
 
 @pytest.mark.parametrize('name', ['yaw', 'speed'])
