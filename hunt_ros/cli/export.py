@@ -17,7 +17,7 @@ EXAMPLE = "hunt export bags/kick_escapes run.csv --channel y='/rig/lateral.posit
 def configure(parser: options.Parser) -> None:
     """Declare the options."""
     parser.add('bag', type=Path, help='the recording')
-    parser.add('out', type=Path, help='.csv or .parquet; must not exist')
+    parser.add('out', type=Path, help='.csv; must not exist')
     parser.add(
         '--channel', help='column and topic.field; repeatable (default: all channels of a rig)'
     )

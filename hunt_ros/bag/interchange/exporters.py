@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -35,7 +35,7 @@ def export_file(
     to_s: float | None = None,
 ) -> int:
     """
-    Write channels of a recording as CSV or Parquet.
+    Write channels of a recording as CSV.
 
     A row a stamp; a channel that has no sample at a stamp leaves its cell empty, a
     sample that is not a number is written as nan.
@@ -47,7 +47,7 @@ def export_file(
     path : str, Path or Bag
         The recording.
     out : str or Path
-        File to make: .csv or .parquet. It has its name only when complete.
+        File to make: .csv. It has its name only when complete.
     channels : mapping or sequence
         Any names and fields: `{'a': '/rig/hunting/amplitude.position[0]'}`. Without any,
         the measurements of the rig.
@@ -62,13 +62,12 @@ def export_file(
     Raises
     ------
     HuntError
-        If the format is unknown, the file exists or cannot be written, or the
+        If its name does not end in .csv, the file exists or cannot be written, or the
         channels cannot be read.
     """
     target = Path(out)
-    writer = _WRITERS.get(target.suffix.lower())
-    if writer is None:
-        raise BagError(f'{out}: unknown format {target.suffix!r}, expected {", ".join(_WRITERS)}')
+    if target.suffix.lower() != '.csv':
+        raise BagError(f'{out}: unknown format {target.suffix!r}, expected .csv')
     if target.exists():
         raise BagError(f'{out}: exists already, expected the name of a new file')
     with opened(path) as bag:
@@ -89,7 +88,7 @@ def export_file(
     if not stamps.size:
         lasts_s = (last - origin) / NANOSECONDS
         raise BagError(f'{bag.path}: no samples in this time, it lasts {lasts_s:.3f} s')
-    write_whole(out, lambda file: writer(file, stamps, columns), 'table')
+    write_whole(out, lambda file: _write_csv(file, stamps, columns), 'table')
     return int(stamps.size)
 
 
@@ -135,19 +134,3 @@ def _write_csv(path: Path, stamps: NDArray[np.int64], columns: Mapping[str, Colu
             part = slice(begin, begin + _ROWS)
             cells = (column[part].tolist() for column in columns.values())
             table.writerows(zip(stamps[part].tolist(), *cells, strict=True))
-
-
-def _write_parquet(path: Path, stamps: NDArray[np.int64], columns: Mapping[str, Column]) -> None:
-    import pyarrow
-    from pyarrow import parquet
-
-    data = {_STAMPS: pyarrow.array(stamps)}
-    for name, column in columns.items():
-        data[name] = pyarrow.array(column.data, mask=np.ma.getmaskarray(column))
-    parquet.write_table(pyarrow.table(data), path)
-
-
-_WRITERS: dict[str, Callable[[Path, NDArray[np.int64], Mapping[str, Column]], None]] = {
-    '.csv': _write_csv,
-    '.parquet': _write_parquet,
-}
