@@ -85,13 +85,6 @@ class InterlockSettings(Settings):
         unit='m',
         low=1e-6,
     )
-    rate_limit_mps: float = setting(
-        math.inf,
-        'The lateral sensor moves faster: trips the interlock in protect and measure, as the'
-        ' amplitude limit does (.inf: none).',
-        unit='m/s',
-        low=1e-6,
-    )
     flange_clearance_m: float = of_rig('flange_clearance_m')
     safe_speed_mps: float = of_rig('safe_speed_mps')
     safe_margin_mps: float = setting(
@@ -216,9 +209,8 @@ class Interlock:
     lost, fault : str
         What is wrong with the drive, and what its roller does that nobody told it; '' where
         nothing. Set them as they come.
-    displacement_m, rate_mps : float
-        Of the lateral sensor itself, and how fast it changes; NaN: not known. Set them as they
-        come.
+    displacement_m : float
+        Of the lateral sensor itself; NaN: not known. Set it as it comes.
     parked : bool
         The roller stands, and is to: nothing hunts, nothing can be slowed down, and nothing trips
         it but the roller itself. Set it as it comes.
@@ -234,7 +226,7 @@ class Interlock:
         self._moved_ns = 0  # when `sequence` changed last
         self._late_s = 0.0
         self.lost, self.fault = 'the drive has not sent anything yet', ''
-        self.displacement_m = self.rate_mps = math.nan
+        self.displacement_m = math.nan
         self.parked = False
         self._watching = False
         self._unwell_ns = 0  # when all was not well last, before it watched
@@ -296,9 +288,6 @@ class Interlock:
             yield Trouble('speed', self.fault, now_ns)
         if self.displacement_m > limit_m:
             words = f'displacement {1e3 * self.displacement_m:.3f} mm {above}'
-            yield Trouble('displacement', words, now_ns)
-        if self.rate_mps > self.settings.rate_limit_mps:
-            words = f'the displacement changes by {1e3 * self.rate_mps:.0f} mm/s, above the limit'
             yield Trouble('displacement', words, now_ns)
         if silence := self._silence(now_ns):
             yield Trouble('detector', silence, self._heard_ns or now_ns)

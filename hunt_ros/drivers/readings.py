@@ -12,7 +12,6 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hunt_ros.drivers.base import DriveBlock
 from hunt_ros.samples import NANOSECONDS
@@ -36,9 +35,6 @@ _SILENT_S = 2.0
 #: A limit is exceeded where so many samples of the last moments, s, are above it: one alone may be
 #: a spike. Half a second holds a period of anything above 2 Hz.
 _SAMPLES, _MOMENT_S = 3, 0.5
-#: The rate is a difference over so long, s: 7 mm/s of noise where the sensor has 0.1 mm, and 6 %
-#: too little at 10 Hz.
-_DIFFERENCE_S = 0.02
 #: A roller that is slower than this, m/s, is at rest: a wave of hunting would take a minute. So
 #: much its drive may show where it stands; an encoder that has moved by more, m, says that it
 #: creeps: ten counts of one of 1000 on a roller of 0.3 m.
@@ -189,29 +185,16 @@ class Displacement:
         self._came_s = at_s
         self._kept.extend(sample for sample in samples if math.isfinite(sample[1]))
 
-    def largest(self, now_s: float) -> tuple[float, float]:
+    def largest(self, now_s: float) -> float:
         """
-        Return what the last samples have reached, m, their mean included, and how fast, m/s.
+        Return what the last samples have reached, m, their mean included.
 
         NaN: not known. One or two samples do not count: it is the third largest.
         """
         if now_s - self._came_s > _MOMENT_S or not self._kept:
-            return math.nan, math.nan
+            return math.nan
         newest_ns = self._kept[-1][0]
         while self._kept and not 0 <= newest_ns - self._kept[0][0] <= _MOMENT_S * NANOSECONDS:
             self._kept.popleft()
-        stamps, values = (np.array(each) for each in zip(*sorted(self._kept), strict=True))
-        seconds = (stamps - newest_ns) / NANOSECONDS
-        middle = np.median([values[:-2], values[1:-1], values[2:]], axis=0)  # no spike
-        at = seconds[1:-1]
-        later = np.searchsorted(at, at + _DIFFERENCE_S)
-        earlier = np.flatnonzero(later < later.size)
-        later = later[earlier]
-        return _third(values), _third(
-            (middle[later] - middle[earlier]) / (at[later] - at[earlier])
-        )
-
-
-def _third(values: NDArray[np.float64]) -> float:
-    """Return the third largest magnitude; NaN where there are fewer."""
-    return float(np.sort(np.abs(values))[-_SAMPLES]) if values.size >= _SAMPLES else math.nan
+        sizes = sorted(abs(value) for _, value in self._kept)
+        return sizes[-_SAMPLES] if len(sizes) >= _SAMPLES else math.nan

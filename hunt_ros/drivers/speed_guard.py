@@ -178,8 +178,7 @@ class SpeedGuard:
                 self._compared_s = now_s
                 ceiling = self.command.limits.speed_ceiling_mps
                 self.interlock.fault = self.readings.fault(now_s, self.target_mps, ceiling)
-                largest = self.displacement.largest(now_s)
-                self.interlock.displacement_m, self.interlock.rate_mps = largest
+                self.interlock.displacement_m = self.displacement.largest(now_s)
             self.interlock.lost = lost = self.trouble()[1]
             self.interlock.parked = not (lost or self.target_mps > 0) and self.readings.at_rest()
             change = self.interlock.judge(steady_ns, measured_mps)
@@ -429,5 +428,4 @@ class SpeedGuard:
                 'safe_speed_mps': float(min(interlock.safe_speed_mps(), command.forced_mps)),
                 'speed_ceiling_mps': command.limits.speed_ceiling_mps,
                 'displacement_m': interlock.displacement_m,
-                'displacement_rate_mps': interlock.rate_mps,
             }
