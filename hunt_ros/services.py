@@ -120,11 +120,6 @@ SERVICES: dict[str, Service] = {
         'take the normal form that waits because it would alarm later',
     ),
     'revert-form': _identifier('hunting/revert_normal_form', 'go back to the normal form before'),
-    'shelve-alarm': _drive(
-        'speed/shelve_alarm',
-        'have an alarm of the detector call nobody for a time, with a reason',
-        'code, minutes and reason, as in docs/alarm.md; 0 minutes end it',
-    ),
     'test-alarm': Service(
         'alarm_outputs',
         'alarm/test',

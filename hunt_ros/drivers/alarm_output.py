@@ -75,9 +75,7 @@ class Call:
         self._heard_s = self._drive_s = -math.inf
         self._status: Mapping[str, str] = {}
         self._kept = ''  # what the speed node keeps until a person ends it
-        # Codes of what calls nobody, as the speed node says: shelved, and by the operating state.
-        self._shelved: set[str] = set()
-        self._out: set[str] = set()
+        self._out: set[str] = set()  # codes of what calls nobody in the operating state
         self._judged = False  # the detector has had sound inputs once
         #: The speed node was asked to end, while nothing was in doubt: its silence is none.
         self._ending = False
@@ -95,7 +93,6 @@ class Call:
         expected = self._ending and said.get('interlock_code') in BLIND and not self._kept
         tripped = said.get('interlock_state') == 'tripped' and not expected
         cause = said.get('interlock_cause', 'it has tripped') if tripped else ''
-        self._shelved = {each.split()[0] for each in said.get('shelved', '').split('; ') if each}
         self._out = OUT_OF_SERVICE.get(said.get('operating_state', ''), set())
         self._kept = said.get('alarm_kept') or cause
 
@@ -122,14 +119,14 @@ class Call:
         status = self._status
         words = f'{status["level"]}: {status["message"]}' if status else 'no status heard yet'
         causes = {*status.get('causes', '').split()}
-        # Of a speed node that is gone nobody knows what is shelved, unless it was asked to end.
+        # Of a speed node that is gone nobody knows the state, unless it was asked to end.
         ending = self._ending and now_s - self._drive_s < START_S
         known = ending or now_s - self._drive_s < self._silence_s
-        shelved = known and bool(causes) and causes <= self._shelved | self._out
+        out = known and bool(causes) and causes <= self._out
         if self._kept:
             return Condition.ALARM, self._kept
         alarm = bool(status) and (status['level'] == 'ERROR' or status.get('alarm') == 'True')
-        if alarm and not shelved:
+        if alarm and not out:
             return Condition.ALARM, words
         if not self._judged and now_s - self._began_s < START_S:
             return Condition.WAITING, words
@@ -139,9 +136,8 @@ class Call:
             return Condition.WELL, f'the run is being ended: {words}'
         if not self.heard(now_s):
             return Condition.DOUBT, f'no status for {self._silence_s:g} s'
-        if shelved:  # a detector that is silent calls all the same
-            by_hand = causes <= self._shelved
-            return Condition.WELL, f'{"shelved" if by_hand else "out of service"}: {words}'
+        if out:  # a detector that is silent calls all the same
+            return Condition.WELL, f'out of service: {words}'
         return Condition.DOUBT if status['level'] == 'STALE' else Condition.WELL, words
 
 

@@ -1,21 +1,15 @@
 """
-Every alarm by its code; and what is shelved.
+Every alarm by its code.
 
 The codes are stable: a recording, a script and an operator know an alarm by them. What each means,
-what follows, what to do and how soon stands in docs/alarm.md. The trips of the interlock and a
-silent detector cannot be shelved. What is shelved calls nobody (no sound, no command, no relay)
-for a time; levels, latched alarm and interlock stay as they are.
+what follows, what to do and how soon stands in docs/alarm.md.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from datetime import datetime
 from typing import NamedTuple
 
-from hunt_ros.errors import ConfigError
 from hunt_ros.samples import CHANNELS
-from hunt_ros.settings import Settings, setting
 
 #: What trips the interlock, the gravest first.
 TRIPS = ('speed', 'displacement', 'detector', 'inputs', 'drive', 'amplitude', 'hunting')
@@ -78,61 +72,3 @@ def alarm_of(event: str, level: str, test: str, cause: str) -> Told | None:
         return None
     channel = cause.partition(' ')[0].rstrip(':')
     return Told(code.replace('CHANNEL', channel) or test, begins)
-
-
-#: An alarm is shelved for no longer than this, min.
-LONGEST_MIN = 480.0
-
-
-@dataclass(frozen=True)
-class Shelved(Settings):
-    """
-    One alarm that calls nobody for a time.
-
-    Parameters
-    ----------
-    code : str
-        One of `DETECTED`.
-    until_s : float
-        When that ends, s since 1970: it outlives the process.
-    minutes : float
-        For how long it was asked.
-    reason : str
-        Of the person who asked.
-    """
-
-    code: str = ''
-    until_s: float = 0.0
-    minutes: float = setting(0.0, 'How long it is shelved.', low=0.0, high=LONGEST_MIN)
-    reason: str = ''
-
-    @classmethod
-    def asked(cls, words: str, now_s: float) -> Shelved:
-        """
-        Return what a person asked for: 'CODE MINUTES REASON'; 0 minutes end it.
-
-        Raises
-        ------
-        ConfigError
-            Saying what was expected.
-        """
-        code, minutes, reason = (*words.split(None, 2), '', '', '')[:3]
-        if code not in OUT_OF_SERVICE['parked']:
-            raise ConfigError(f'{code!r}: no alarm that can be shelved, docs/alarm.md has them')
-        try:
-            asked = cls(code, now_s, float(minutes), reason.replace(';', ','))
-        except ValueError as error:  # which a ConfigError is, too
-            why = f' ({error})' if isinstance(error, ConfigError) else ''
-            raise ConfigError(f'{words!r}: expected CODE MINUTES REASON{why}') from error
-        if asked.minutes and not reason:
-            raise ConfigError(f'{words!r}: expected a reason behind the minutes')
-        return replace(asked, until_s=now_s + 60.0 * asked.minutes)
-
-    def lasts(self, now_s: float) -> bool:
-        """Return True while it is in force; a clock that is set back makes it no longer."""
-        return 0.0 < self.until_s - now_s <= 60.0 * self.minutes
-
-    @property
-    def until(self) -> str:
-        """When it ends, as a clock of this machine shows it."""
-        return f'{datetime.fromtimestamp(self.until_s):%H:%M}'

@@ -1,9 +1,8 @@
 """
 What must outlive the process that guards the roller: one small file beside the recordings.
 
-An emergency stop, a trip, a disarmed interlock, an alarm that nobody has acknowledged and one
-that is shelved are in force again when the speed node starts again, until a person, or for the
-last one the time, ends them.
+An emergency stop, a trip, a disarmed interlock and an alarm that nobody has acknowledged are in
+force again when the speed node starts again, until a person ends them.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ import json
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
-from hunt_ros.drivers.alarms import Shelved
 from hunt_ros.errors import ConfigError
 from hunt_ros.files import write_whole
 from hunt_ros.settings import Settings
@@ -40,8 +38,6 @@ class SafetyState(Settings):
         The drive has taken it, or less.
     running : bool
         The node guards, and has not ended by itself.
-    shelved : tuple of Shelved
-        Alarms that call nobody.
     history : tuple of dict
         What happened: `at` (UTC), `what`, `why`, `who`; the oldest first, the last 200.
     """
@@ -53,7 +49,6 @@ class SafetyState(Settings):
     goal_mps: float = 0.0
     there: bool = False
     running: bool = False
-    shelved: tuple[Shelved, ...] = ()
     history: tuple[dict[str, str], ...] = ()
 
     def noted(self, why: str) -> str:
@@ -84,7 +79,6 @@ def read(path: Path) -> SafetyState | None:
         told = json.loads(_kept_in(path).read_text(encoding='utf-8'))
         if lacking := {item.name for item in fields(SafetyState)} - told.keys():
             raise ValueError(f'it lacks {", ".join(sorted(lacking))}')
-        told['shelved'] = tuple(Shelved(**each) for each in told['shelved'])
         told['history'] = tuple({key: str(line[key]) for key in _LINE} for line in told['history'])
         state = SafetyState(**told)
         state.to_json()  # what is read can be written again

@@ -3,21 +3,19 @@ What the speed node decides: the set point that the drive gets, when it trips, w
 
 Profile, interlock, the readings of roller and sensor, and the state that outlives the process
 come together here. No hardware is waited for, nothing known of ROS, and no clock read but for
-the history and what is shelved: the node hands in what came and when, and sends what is decided.
+the history: the node hands in what came and when, and sends what is decided.
 """
 
 from __future__ import annotations
 
 import math
 import threading
-import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime, timezone
 from typing import Any
 
-from hunt_ros.drivers.alarms import Shelved
 from hunt_ros.drivers.base import DriveDriver
 from hunt_ros.drivers.command import DriveLimits, RollerCommand
 from hunt_ros.drivers.interlock import Change, Heard, Interlock, InterlockSettings
@@ -98,7 +96,7 @@ class SpeedGuard:
         self.taken, self.refusal = (math.nan, 0), ''
         self._asked_ns = 0  # when the last set point was asked for, profile clock
         self.waits = ''  # why the profile does not start by itself
-        #: The history, the alarm and what is shelved; what else is in force follows.
+        #: The history and the alarm; what else is in force follows.
         self._kept, self._saved = state, SafetyState()
         self._alarmed = False  # the detector that is heard now has said so
         self._compared_s = -math.inf
@@ -328,24 +326,6 @@ class SpeedGuard:
             self.remember(change.event, change.cause, who)
         return change
 
-    def shelve(self, words: str, who: str = '') -> str:
-        """Have an alarm call nobody for a time (`Shelved.asked`); return what is done."""
-        with self.deciding:
-            asked = Shelved.asked(words, time.time())
-            others = tuple(each for each in self._kept.shelved if each.code != asked.code)
-            why = f'{asked.code} for {asked.minutes:g} min: {asked.reason or "no longer"}'
-            shelved = (*others, asked) if asked.minutes else others
-            self.remember('shelved', why, who, shelved=shelved)
-            return f'shelved {why}; levels, latched alarm and interlock stay as they are'
-
-    def shelved(self) -> str:
-        """Return what calls nobody now: 'CODE until TIME (REASON); ...'."""
-        lasting = tuple(each for each in self._kept.shelved if each.lasts(time.time()))
-        for each in self._kept.shelved:
-            if each not in lasting:
-                self.remember('unshelved', each.code, shelved=lasting)
-        return '; '.join(f'{each.code} until {each.until} ({each.reason})' for each in lasting)
-
     def remember(self, what: str, why: str, who: str = '', **kept: Any) -> None:
         """Note what happened; `kept` are fields of the state that change with it."""
         at = datetime.now(timezone.utc).isoformat(timespec='milliseconds')
@@ -396,8 +376,6 @@ class SpeedGuard:
                 return 'WARN', f'interlock is disarmed: {interlock.cause}'
             if unsafe := interlock.unsafe():
                 return 'WARN', unsafe
-            if shelved := self.shelved():
-                return 'WARN', f'shelved: {shelved}'
             if self.waits:
                 return Awaited('WARN'), f'the profile waits: {self.waits}'
             return 'OK', command.note or interlock.cause
@@ -424,7 +402,6 @@ class SpeedGuard:
                 'interlock_code': interlock.code,
                 'emergency_stop': str(command.stopped).lower(),
                 'alarm_kept': '' if self._alarmed else self._kept.alarm,
-                'shelved': self.shelved(),
                 'safe_speed_mps': float(min(interlock.safe_speed_mps(), command.forced_mps)),
                 'speed_ceiling_mps': command.limits.speed_ceiling_mps,
                 'displacement_m': interlock.displacement_m,

@@ -159,7 +159,6 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             'stop-profile': lambda said: guard.stop(said.who),
             'start-profile': lambda said: _done(guard.start(now(), said.who)),
             'resume-profile': lambda said: _done(guard.start(now(), said.who, resume=True)),
-            'shelve-alarm': lambda said: guard.shelve(said.words, said.who),
             'emergency-stop': self._emergency_stop,
         }
         self.create_timer(SET_POINT_S, self._send_next, clock=self._steady)

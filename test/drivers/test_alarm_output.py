@@ -79,7 +79,7 @@ def test_a_program_that_is_not_there_is_refused_at_the_start(text) -> None:
 
 
 WELL, ALARM, DOUBT = Condition.WELL, Condition.ALARM, Condition.DOUBT
-SHELVED = {'shelved': 'limit_cycle until 12:30 (why); yaw_stuck until 13:00 (cable)'}
+MEASURE = {'operating_state': 'measure'}
 
 
 def _call(level: str, causes: str = '', **drive: str) -> Call:
@@ -100,9 +100,8 @@ def _call(level: str, causes: str = '', **drive: str) -> Call:
         ('ERROR', 'limit_cycle', {}, ALARM, 'ERROR: why'),
         ('OK', '', {'alarm_kept': 'it hunted'}, ALARM, 'it hunted'),
         ('OK', '', {'interlock_state': 'tripped', 'interlock_cause': 'gone'}, ALARM, 'gone'),
-        ('ERROR', 'limit_cycle yaw_stuck', SHELVED, WELL, 'shelved: ERROR: why'),
-        ('STALE', 'yaw_stuck', SHELVED, WELL, 'shelved: STALE: why'),
-        ('ERROR', 'limit_cycle escaping', SHELVED, ALARM, 'ERROR: why'),
+        ('ERROR', 'limit_cycle escaping', MEASURE, WELL, 'out of service: ERROR: why'),
+        ('ERROR', 'limit_cycle alarm_yaw_mrad', MEASURE, ALARM, 'ERROR: why'),
         ('STALE', 'yaw_silent', {'operating_state': 'parked'}, WELL, 'out of service: STALE: why'),
         ('STALE', 'inputs', {'operating_state': 'parked'}, DOUBT, 'STALE: why'),
         ('ERROR', 'escaping', {'operating_state': 'measure'}, WELL, 'out of service: ERROR: why'),
@@ -111,7 +110,7 @@ def _call(level: str, causes: str = '', **drive: str) -> Call:
         (
             'ERROR',
             'limit_cycle',
-            SHELVED | {'interlock_state': 'tripped', 'interlock_cause': 'hunts'},
+            MEASURE | {'interlock_state': 'tripped', 'interlock_cause': 'hunts'},
             ALARM,
             'hunts',
         ),
@@ -139,13 +138,13 @@ def test_an_end_that_begins_in_doubt_takes_no_call_back() -> None:
     assert call.condition is WELL
 
 
-def test_who_is_silent_calls_whatever_is_shelved_but_at_an_end_that_was_asked_for() -> None:
-    call = _call('ERROR', 'limit_cycle', **SHELVED)
+def test_who_is_silent_calls_whatever_is_out_of_service_but_at_an_end_that_was_asked_for() -> None:
+    call = _call('ERROR', 'limit_cycle', **MEASURE)
     assert not call.look(100.9)
     assert call.look(101.1)
-    assert call.condition is ALARM, 'nobody knows any more what is shelved'
-    for told in (_call('OK'), _call('ERROR', 'limit_cycle', **SHELVED)):
-        told.hear_drive(101.0, SHELVED)
+    assert call.condition is ALARM, 'nobody knows any more what is out of service'
+    for told in (_call('OK'), _call('ERROR', 'limit_cycle', **MEASURE)):
+        told.hear_drive(101.0, MEASURE)
         assert told.look(101.1), 'of the detector alone'
         assert (told.condition, told.cause) == (DOUBT, 'no status for 1 s')
     call = _call('OK')

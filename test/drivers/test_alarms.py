@@ -11,7 +11,7 @@ import pytest
 from hunt_ros.detection import health
 from hunt_ros.detection.decision.limits import LIMITS
 from hunt_ros.detection.regions import State
-from hunt_ros.drivers.alarms import DETECTED, TRIPS, Shelved
+from hunt_ros.drivers.alarms import DETECTED, TRIPS
 from hunt_ros.drivers.base import DriveBlock
 from hunt_ros.drivers.command import DriveLimits
 from hunt_ros.drivers.interlock import Heard, InterlockSettings
@@ -72,42 +72,10 @@ def test_the_table_has_every_cause_of_a_trip() -> None:
     assert found[::-1] == list(TRIPS), 'the gravest first'
 
 
-@pytest.mark.parametrize(
-    'code', ['limit_cycle', 'alarm_yaw_mrad', 'axle_box_stuck', 'speed_silent']
-)
-def test_an_alarm_of_the_detector_is_shelved_for_a_time_with_a_reason(code) -> None:
-    shelved = Shelved.asked(f'{code} 30 the cable; Mia', NOON)
-    assert (shelved.code, shelved.reason) == (code, 'the cable, Mia')
-    lasts = [shelved.lasts(NOON + 60.0 * minutes) for minutes in (0.1, 29.9, 30.1, -600.0)]
-    assert lasts == [True, True, False, False], 'a clock that is set back makes it no longer'
-
-
-@pytest.mark.parametrize(
-    ('words', 'told'),
-    [
-        ('', 'no alarm that can be shelved'),
-        ('speed 5 why', 'no alarm'),
-        ('CHANNEL_stuck 5 why', 'no alarm'),
-        ('limit_cycle 5', 'expected a reason'),
-        ('limit_cycle', 'CODE MINUTES REASON$'),
-        ('limit_cycle soon why', 'CODE MINUTES REASON'),
-        ('limit_cycle 481 why', 'above 480'),
-        ('limit_cycle -1 why', 'below 0'),
-    ],
-)
-def test_what_cannot_be_shelved_is_refused_with_the_reason(words, told) -> None:
-    with pytest.raises(ConfigError, match=told) as caught:
-        Shelved.asked(words, NOON)
-    assert '\n' not in str(caught.value)
-
-
-def test_what_is_shelved_is_said_outlives_the_process_and_takes_no_trip(tmp_path) -> None:
+def test_an_alarm_and_a_trip_outlive_the_process(tmp_path) -> None:
     guard = _guard()
-    guard.shelve('limit_cycle 30 the grease, Mia')
-    assert guard.values()['shelved'].startswith('limit_cycle until ')
     block = DriveBlock(np.array([1]), np.array([math.nan]), np.array([7.0]))
     guard.readings.take(0.0, block)
-    assert guard.present()[0] == 'WARN'
     for k in range(1, 200):
         guard.hear(k * S // 20, Heard('OK', k, k * S // 20))
         guard.watch(k * S // 20, 0)
@@ -119,9 +87,6 @@ def test_what_is_shelved_is_said_outlives_the_process_and_takes_no_trip(tmp_path
     again = _guard(read(tmp_path / 'state.json'))
     assert again.interlock.state == 'tripped'
     assert again.values()['alarm_kept'] == 'limit cycle'
-    assert again.values()['shelved'].startswith('limit_cycle until ')
-    again.shelve('limit_cycle 0')
-    assert again.values()['shelved'] == ''
 
 
 @pytest.mark.parametrize(
@@ -132,15 +97,13 @@ def test_what_is_shelved_is_said_outlives_the_process_and_takes_no_trip(tmp_path
         ('"trip": "",', ''),
         ('"goal_mps": 0.0', '"goal_mps": NaN'),
         ('"goal_mps": 0.0', f'"goal_mps": 1{400 * "0"}'),
-        ('"minutes": 5.0', '"minutes": "long"'),
-        ('"minutes": 5.0', '"until_s": Infinity, "minutes": 5.0'),
         ('"history": []', '"history": 3'),
         ('"history": []', '"history": ["why"]'),
     ],
 )
 def test_a_state_that_is_none_is_refused(tmp_path, change) -> None:
     path = tmp_path / 'state.json'
-    state = SafetyState(running=True, shelved=(Shelved('limit_cycle', NOON, 5.0, 'why'),))
+    state = SafetyState(running=True)
     assert read(path) is None
     write_whole(path, state.to_json())
     assert read(path) == state

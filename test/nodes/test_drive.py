@@ -90,7 +90,7 @@ KEYS = {
     'speed_mps', 'target_mps', 'profile', 'profile_state', 'profile_elapsed_s',
     'profile_remaining_s', 'interlock', 'interlock_state', 'interlock_cause',
     'interlock_since_ns', 'emergency_stop', 'safe_speed_mps', 'speed_ceiling_mps', 'alarm_kept',
-    'interlock_code', 'operating_state', 'shelved',
+    'interlock_code', 'operating_state',
     'displacement_m', 'ending',
 }  # fmt: skip
 

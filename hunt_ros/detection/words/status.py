@@ -297,7 +297,7 @@ class Transitions:
             ]
         state, region = State(int(row['state'])), Region(int(row['region']))
         absent, dropped, basis = absent_words(row), door.dropped, self.basis
-        # Where no rows come, the last one does not tell all: `inputs`, which cannot be shelved.
+        # Where no rows come the last one does not tell all: `inputs`, never out of service.
         blind = ['inputs'] if behind or not until_ns else []
         causes = [*causes_of(row), *blind, *(history.codes if alarm else [])]
         values: dict[str, object] = {
