@@ -83,11 +83,6 @@ SERVICES: dict[str, Service] = {
     'acknowledge': _detector(
         'hunting/acknowledge_alarm', 'end an alarm whose cause is over', 'who acknowledges'
     ),
-    'alarm-history': _detector(
-        'hunting/alarm_history',
-        'tell the last 100 alarms, as JSON: when, why, how large, who acknowledged',
-        repeatable=True,
-    ),
     'start-profile': _drive('speed/start_profile', 'start the speed profile from its beginning'),
     'stop-profile': _drive(
         'speed/stop_profile', 'hold the set point that the profile has now', repeatable=True
@@ -95,9 +90,7 @@ SERVICES: dict[str, Service] = {
     'resume-profile': _drive(
         'speed/resume_profile', 'go on with the profile where it was stopped'
     ),
-    'emergency-stop': _drive(
-        'speed/emergency_stop', 'take the roller to the emergency speed', repeatable=True
-    ),
+    'emergency-stop': _drive('speed/emergency_stop', 'stop the roller', repeatable=True),
     'rearm': _drive(
         'speed/rearm', 'end an emergency stop, and a trip of the interlock whose cause is over'
     ),

@@ -112,12 +112,6 @@ class RollerCommand:
         """What the step that is under way tells the operator."""
         return '' if self._run is None else self._run.note
 
-    def load(self, profile: Profile) -> None:
-        """Take another profile; set points stay below the ceiling whatever it asks for."""
-        self.profile, self._run, self._state = profile, None, 'idle'
-        if math.isinf(self.held_mps) and not math.isnan(self._last):
-            self.held_mps = self._last
-
     def start(self, motion: Motion | None = None, against: str = '') -> str:
         """
         Run the profile from its beginning; return '' or why not.

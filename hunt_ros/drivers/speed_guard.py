@@ -268,26 +268,22 @@ class SpeedGuard:
             self.remember('stop_profile', '', who)
             return self._by_a_person().stop()
 
-    def emergency_stop(self, speed_mps: float, now_ns: int, who: str = '') -> tuple[int, float]:
+    def emergency_stop(self, now_ns: int, who: str = '') -> tuple[int, float]:
         """
         Stop until `rearm`; return the number of its set point, and what shows that it slows, m/s.
 
         Parameters
         ----------
-        speed_mps : float
-            Set point.
         now_ns : int
             Clock of the profile.
         who : str, optional
             Of whoever asks.
         """
         with self.deciding:
-            before = self.readings.lowest_mps()
-            speed_mps = min(speed_mps, self.interlock.safe_speed_mps())
-            set_point = self._by_a_person().trip(speed_mps, self.measured_mps, stop=True)
+            slowed_mps = max(_SLOWED_MPS, self.readings.lowest_mps() - _SLOWED_MPS)
+            self._by_a_person().trip(0.0, self.measured_mps, stop=True)
             self.remember('emergency_stop', 'asked for', who)
-            slowed_mps = max(set_point + _SLOWED_MPS, before - _SLOWED_MPS)
-            return self.post(set_point, now_ns), slowed_mps
+            return self.post(0.0, now_ns), slowed_mps
 
     def end(self, abandoned: bool = False) -> float:
         """

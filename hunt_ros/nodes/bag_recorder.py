@@ -32,7 +32,7 @@ from std_msgs.msg import String
 
 from hunt_ros.bag.recording import Recording, RecordingLimits, RecordingState
 from hunt_ros.bag.repair import finalise_left
-from hunt_ros.errors import BagError, ConfigError
+from hunt_ros.errors import BagError
 from hunt_ros.files import PART
 from hunt_ros.nodes.support.clipper import Clipper
 from hunt_ros.nodes.support.conversions import message_class
@@ -78,16 +78,10 @@ class RecorderConfig(RecordingLimits):
     operator: str = setting('', 'Who runs it, for the recording.')
     notes: str = setting('', 'Remarks, for the recording.')
     autostart: bool = fixed(True, 'Record from the start.')
-    prefix: str = setting('hunt', 'Beginning of the names of recordings.')
     record_estimates: bool = fixed(False, 'Record the estimates too; a replay makes them again.')
     extra_topics: tuple[str, ...] = fixed(
         (), 'Full names of topics outside of the namespace to record as well.'
     )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if '/' in self.prefix:
-            raise ConfigError(f'prefix: {self.prefix!r} names another folder, expected no /')
 
 
 class _Topic:
@@ -241,9 +235,7 @@ class BagRecorderNode(SuiteNode):
 
     def _new_path(self) -> Path:
         """Return a folder of the moment's name that is not there yet."""
-        base = (
-            Path(self._config.directory) / f'{self._config.prefix}_{datetime.now():%Y%m%d_%H%M%S}'
-        )
+        base = Path(self._config.directory) / f'hunt_{datetime.now():%Y%m%d_%H%M%S}'
         path, number = base, 1
         while path.exists() or path.with_name(path.name + '.active').exists():
             path, number = base.with_name(f'{base.name}_{number}'), number + 1

@@ -86,7 +86,6 @@ class HuntingDetectorNode(SuiteNode):
         self._alarms = announce(self, 'hunting/alarms')
         answers = {
             'acknowledge': self._acknowledge,
-            'alarm-history': lambda said: self._detector.history.to_text(),
             'accept-form': self._accept,
         }
         Calls(self, answers)

@@ -11,7 +11,6 @@ import math
 import os
 import time
 from collections.abc import Callable, Mapping
-from concurrent import futures
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -40,7 +39,7 @@ from hunt_ros.nodes.support.qos import announce, hear
 from hunt_ros.nodes.support.worker import Worker
 from hunt_ros.rig import of_rig
 from hunt_ros.samples import NANOSECONDS
-from hunt_ros.settings import Settings, fixed, setting
+from hunt_ros.settings import Settings, fixed
 from hunt_ros.suite import AGAIN
 
 #: The interlock looks so often, s.
@@ -54,8 +53,6 @@ _CONFIRM_S = 0.5
 #: At the end the roller has this longer than its ramp to reach the safe speed, s; and it is there
 #: within this, m/s. A drive that was never heard is waited for so long, s.
 _ENDING_S, _THERE_MPS, _FIRST_S = 10.0, 0.03, 5.0
-#: A profile that takes longer to read is refused while the node runs, s.
-_READ_S = 0.5
 _LEVELS = {'tripped': 'ERROR', 'disarmed': 'WARN', 'armed': 'OK'}
 
 
@@ -67,23 +64,16 @@ class SpeedConfig(Settings):
         'simulated', 'The drive, docs/drivers.md; its settings are parameters too.'
     )
     roller_diameter_m: float = of_rig('roller_diameter_m')
-    profile: str = setting(
+    profile: str = fixed(
         '', 'Speed profile (docs/profiles.md): its text, or the path of a file; empty: none.'
     )
     profile_autostart: bool = fixed(
         False, 'Start the profile as soon as the interlock allows it; any stop ends that.'
     )
-    emergency_speed_mps: float = setting(
-        0.0,
-        'Set point of speed/emergency_stop; the safe speed where that is lower.',
-        unit='m/s',
-        low=0.0,
-        high=100.0,
-    )
     state_file: str = fixed(
         '', 'File that keeps emergency stop, trip and alarm over a restart; empty: none.'
     )
-    slow_down_at_end: bool = setting(
+    slow_down_at_end: bool = fixed(
         True, 'Take the roller to the safe speed before the node ends; false: leave it.'
     )
 
@@ -96,7 +86,7 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
 
     def __init__(self) -> None:
         super().__init__('roller_speed')
-        self._config = declare(self, SpeedConfig, self._reconfigure, self._check)
+        self._config = declare(self, SpeedConfig)
         self._use_driver(self._config.driver, 'Drive', self._config.roller_diameter_m)
         limits = declare(
             self, DriveLimits, lambda new: setattr(self._guard.command, 'limits', new), self._check
@@ -122,12 +112,11 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
             self._connection,
             self._silent_s,
         )
-        self._parsed: tuple[str, Profile | None] = '', None  # text and what it is
         try:
             if self._config.profile:
                 profile = Profile.read(self._config.profile)
                 profile.check(limits.speed_ceiling_mps)
-                self._guard.command.load(profile)
+                self._guard.command.profile = profile
         except ConfigError as error:
             if not state.running:
                 raise
@@ -208,29 +197,13 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
                 return
 
     def _check(self, settings: Mapping[type, Any]) -> None:
-        """Refuse what does not fit together, and a profile while another one runs."""
-        config, limits = settings[SpeedConfig], settings[DriveLimits]
-        command, profile = self._guard.command, self._guard.command.profile
-        if config.profile != self._config.profile:
-            if command.state == 'running':
-                raise ConfigError(
-                    'profile: one is running, stop it first (hunt call stop-profile)'
-                )
-            if config.profile:
-                profile = _read_in_time(config.profile)
-                self._parsed = config.profile, profile
-        if profile is not None:
-            profile.check(limits.speed_ceiling_mps)
+        """Refuse a ceiling below the profile, and a safe speed that is none."""
+        if (profile := self._guard.command.profile) is not None:
+            profile.check(settings[DriveLimits].speed_ceiling_mps)
         safe = settings[InterlockSettings].safe_speed_mps
         v_n = self._guard.interlock.heard.motion.v_n
         if safe != self._guard.interlock.settings.safe_speed_mps and v_n <= safe < math.inf:
             raise ConfigError(f'safe_speed_mps: {safe:g} is not below v_n, {v_n:.3f} m/s')
-
-    def _reconfigure(self, config: SpeedConfig) -> None:
-        before, self._config = self._config, config
-        text, profile = self._parsed
-        if profile is not None and config.profile == text != before.profile:
-            self._guard.command.load(profile)
 
     def _reconfigure_interlock(self, settings: InterlockSettings) -> None:
         self._tell(self._guard.reconfigure(self._steady_ns(), settings))
@@ -347,9 +320,8 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         Only the encoder tells that: a set point that was sent may not have arrived, and a
         drive that took it may not obey. The stop is sent again until `rearm`.
         """
-        guard, emergency_mps = self._guard, self._config.emergency_speed_mps
-        now_ns = self._profile_ns()
-        number, slowed_mps = guard.emergency_stop(emergency_mps, now_ns, said.who)
+        guard = self._guard
+        number, slowed_mps = guard.emergency_stop(self._profile_ns(), said.who)
         began_s = time.monotonic()
         while not (problem := self._absence()):
             if guard.answered >= number and guard.refusal:
@@ -432,14 +404,6 @@ class RollerSpeedNode(DriverNode[DriveDriver]):
         if level == 'OK':
             text = f'{guard.readings.speed_mps:.2f} m/s'
         return level, text, values
-
-
-def _read_in_time(words: str) -> Profile:
-    """Read a profile while the roller is guarded: a disk that hangs holds up no watch."""
-    try:
-        return futures.ThreadPoolExecutor(1).submit(Profile.read, words).result(_READ_S)
-    except futures.TimeoutError as error:
-        raise ConfigError(f'profile: not read within {_READ_S:g} s: {words[:200]}') from error
 
 
 def _done(refusal: str) -> str:

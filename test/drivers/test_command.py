@@ -19,7 +19,7 @@ from hunt_ros.errors import ConfigError
 def _command(*steps, acceleration=1.0, jerk=1e4, ceiling=20.0) -> RollerCommand:
     limits = DriveLimits(acceleration_mps2=acceleration, jerk_mps3=jerk, speed_ceiling_mps=ceiling)
     command = RollerCommand(limits, longest_step_s=0.5)
-    command.load(Profile(steps or (Ramp(10.0, 1.0),)))
+    command.profile = Profile(steps or (Ramp(10.0, 1.0),))
     return command
 
 
@@ -136,7 +136,7 @@ def test_no_profile_and_no_parameter_brings_a_set_point_above_the_ceiling() -> N
     command = _command(ceiling=10.0)
     with pytest.raises(ConfigError, match='above the ceiling'):
         Profile((Hold(10.5, 1.0),)).check(10.0)
-    command.load(Profile((Seesaw(100.0),)))  # its speeds follow from the form
+    command.profile = Profile((Seesaw(100.0),))  # its speeds follow from the form
     seen = {'amplitude_m': 0.0, 'v_n': 8.0, 'v_c': 9.9, 'fold_amplitude_m': 1e-3}
     assert command.start(Motion(**seen)) == ''
     speeds = _ride(command, 150.0, 0.25, **seen)

@@ -134,7 +134,7 @@ def test_what_a_drive_said_before_it_fell_silent_is_not_its_speed() -> None:
 def test_a_profile_starts_by_itself_once() -> None:
     settings = InterlockSettings(interlock='off')
     guard = SpeedGuard(DriveLimits(), settings, 0.0, SafetyState(), autostart=True)
-    guard.command.load(Profile((Hold(5.0, 1.0),)))
+    guard.command.profile = Profile((Hold(5.0, 1.0),))
     guard.decide(1, 1, True)
     assert (guard.autostart, guard.command.state) == (False, 'running')
 
@@ -182,7 +182,7 @@ def test_who_asked_is_in_the_history_and_in_the_event() -> None:
     guard = _guard()
     change, _ = guard.arm(0, False, 'mia@pc (console)')
     assert change.cause == 'disarmed by mia@pc (console): nothing slows the roller'
-    guard.emergency_stop(0.0, 0, 'leo@pc (dashboard)')
+    guard.emergency_stop(0, 'leo@pc (dashboard)')
     guard.rearm(0)
     history = json.loads(guard.unsaved(running=True))['history']
     assert [(line['what'], line['who']) for line in history[1:]] == [
@@ -245,10 +245,7 @@ def test_a_way_down_that_was_over_does_not_begin_again(tmp_path, reached) -> Non
     assert json.loads(guard.unsaved(running=True))['there'] is reached
 
 
-@pytest.mark.parametrize('asked_mps', [0.0, 2.0])
-def test_a_speed_node_that_dies_after_a_stop_has_ended_holds_nothing_up(
-    tmp_path, asked_mps
-) -> None:
+def test_a_speed_node_that_dies_after_a_stop_has_ended_holds_nothing_up(tmp_path) -> None:
     """The roller is still on its way to what the stop asked for; nobody asked for another."""
     path, drive, mps = tmp_path / 'state', _Slow(), 5.0
     guard = _guard(SafetyState())
@@ -261,12 +258,12 @@ def test_a_speed_node_that_dies_after_a_stop_has_ended_holds_nothing_up(
         block = DriveBlock(np.array([k]), np.array([math.nan]), np.array([mps]))
         guard.readings.take(now_ns * 1e-9, block)
         if k == 10:
-            guard.emergency_stop(asked_mps, now_ns)
+            guard.emergency_stop(now_ns)
         if k == 20:
             guard.interlock.arm(now_ns, False)
             assert guard.rearm(now_ns)[1] == ''
         guard.decide(now_ns, now_ns, there=True)
         guard.hand_over(drive)
-        mps = max(asked_mps, mps - 0.05) if drive.taken else mps
+        mps = max(0.0, mps - 0.05) if drive.taken else mps
     assert guard.command.forced, 'tripped'
-    assert {*drive.taken} == {asked_mps}
+    assert {*drive.taken} == {0.0}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 import rclpy.clock
@@ -12,6 +10,7 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from speed_rig import UNGUARDED, Drive, Rig, node_on
 
+from hunt_ros.errors import ConfigError
 from hunt_ros.nodes.support.conversions import to_time
 from hunt_ros.nodes.support.qos import latched
 
@@ -163,25 +162,12 @@ def test_an_emergency_stop_that_the_encoder_does_not_show_is_no_success(graph, r
     assert graph.call('speed/emergency_stop').success
 
 
-def test_a_new_profile_is_taken_without_a_restart_or_refused_with_the_reason(
-    graph, resident
-) -> None:
-    drive = Drive(6.0)
-    rig = Rig(graph, resident, drive, interlock=UNGUARDED, speed_ceiling_mps=8.0)
-    refused = graph.call('speed/start_profile')
-    assert refused.message == 'no profile is given'
-    taken, reason = rig.set(profile='profile: [{ramp: {speed_mps: 9.0}}]')
-    assert not taken
-    assert 'step 1 (ramp): 9 m/s is above the ceiling, 8 m/s' in reason
-    assert not rig.set(profile='/nowhere/at_all.yaml')[0]
-    text = 'name: hill\nprofile: [{ramp: {speed_mps: 7.0, rate_mps2: 0.5}}]'
-    assert rig.set(profile=text) == (True, '')
-    assert graph.call('speed/start_profile').success
-    assert 'running' in rig.set(profile=text.replace('7.0', '5.0'))[1]
-    rig.until(profile='hill', profile_state='finished', profile_remaining_s='0.0')
-    rig.until(target_mps='7.0')
-    assert rig.set(profile=text.replace('7.0', '5.0')) == (True, '')
-    assert graph.call('speed/start_profile').success
-    rig.until(profile_state='finished', target_mps='5.0')
-    rises = [b - a for a, b in itertools.pairwise(drive.set_points)]
-    assert max(map(abs, rises)) <= _STEP
+def test_a_speed_node_without_a_profile_says_so(graph, resident) -> None:
+    Rig(graph, resident, Drive(6.0), interlock=UNGUARDED)
+    assert graph.call('speed/start_profile').message == 'no profile is given'
+
+
+def test_a_profile_above_the_ceiling_is_refused_at_the_start(graph, resident) -> None:
+    above = graph.profile('ramp: {speed_mps: 9.0}')
+    with pytest.raises(ConfigError, match=r'step 1 \(ramp\): 9 m/s is above the ceiling, 8 m/s'):
+        Rig(graph, resident, Drive(6.0), speed_ceiling_mps=8.0, profile=above)

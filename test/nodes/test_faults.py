@@ -97,8 +97,8 @@ class Bench:
             connection=lambda: ('ERROR', 'drive: gone') if self.drive.absent else ('OK', ''),
             silent_s=lambda: (self.now_ns - self._read_ns) / _SECOND_NS,
         )  # fmt: skip
-        self.guard.command.load(
-            Profile.read(f'profile: [{{hold: {{speed_mps: {RUNNING}, duration_s: 100000}}}}]')
+        self.guard.command.profile = Profile.read(
+            f'profile: [{{hold: {{speed_mps: {RUNNING}, duration_s: 100000}}}}]'
         )
         self.taken: list[tuple[int, float]] = []  # when, and which set points
         self.until(lambda: self.guard.target_mps == RUNNING or self._start())

@@ -131,7 +131,7 @@ def test_every_name_that_the_suite_uses_is_allowed_and_no_other(graph) -> None:
         def all_are_there() -> bool:
             assert processes.look() == []
             there = {name for name, _ in node.get_node_names_and_namespaces()}
-            return in_graph <= there and '/rig/hunting/alarm_history' in dict(
+            return in_graph <= there and '/rig/hunting/accept_normal_form' in dict(
                 node.get_service_names_and_types()
             )
 

@@ -30,13 +30,11 @@ def _taken(kind: type[Settings]) -> set[str]:
 #: Node -> parameters that a running node takes; each has an effect from then on.
 LIVE = {
     'lateral_sensor': set(),
-    'roller_speed': {'emergency_speed_mps', 'profile', 'slow_down_at_end'}
-    | _taken(DriveLimits)
-    | _taken(InterlockSettings),
+    'roller_speed': _taken(DriveLimits) | _taken(InterlockSettings),
     'rig_simulator': set(),
     'normal_form_identifier': set(),
     'bag_recorder': {  # with the next recording
-        'rig_name', 'operator', 'notes', 'prefix', 'split_s', 'split_mib', 'buffer_mib', 'chunk_s',
+        'rig_name', 'operator', 'notes', 'split_s', 'split_mib', 'buffer_mib', 'chunk_s',
         'least_free_mib',
     },
     'hunting_detector': _taken(DetectorConfig),
