@@ -60,7 +60,7 @@ class Loop:
     def __post_init__(self) -> None:
         self.measured = self.speed
         self.interlock.lost = ''
-        self.command.load(Profile((Hold(self.speed, 1e5),)))
+        self.command.profile = Profile((Hold(self.speed, 1e5),))
         self.command.start()
 
     def again(self) -> Loop:

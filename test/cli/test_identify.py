@@ -86,17 +86,8 @@ def test_a_fold_is_told_where_no_critical_speed_is(bag, tmp_path, monkeypatch):
 def test_an_option_that_is_short_for_a_setting_is_that_setting() -> None:
     parser = Parser()
     add_recordings(parser)
-    words = [
-        'bag',
-        '--prior-v-c',
-        '8.0:0.1',
-        '--frequency',
-        '2.5',
-        '--lines',
-        '',
-        '--set',
-        'seed=3',
-    ]
+    words = ['bag', '--prior-v-c', '8.0:0.1', '--length-scale', '0.05']
+    words += ['--set', 'lines=', '--set', 'seed=3']
     found = settings_of(parser.parse_args(words))
-    assert (found.prior_v_c, found.hunting_frequency_hz, found.lines) == ((8.0, 0.1), 2.5, ())
+    assert (found.prior_v_c, found.length_scale_m, found.lines) == ((8.0, 0.1), 0.05, ())
     assert found.seed == 3

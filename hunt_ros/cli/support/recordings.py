@@ -25,18 +25,8 @@ _NODE = 'normal_form_identifier'
 _SHORT = {
     '--length-scale': 'length_scale_m',
     '--time-scale': 'time_scale_s',
-    '--sensor-range': 'lateral_range_m',
-    '--clearance': 'flange_clearance_m',
-    '--roller-diameter': 'roller_diameter_m',
-    '--wheel-diameter': 'wheel_diameter_m',
-    '--frequency': 'hunting_frequency_hz',
-    '--lines': 'lines',
     '--prior-v-c': 'prior_v_c',
     '--prior-D1': 'prior_D1',
-    '--speed-resolution': 'speed_resolution_mps',
-    '--speed-scale-std': 'speed_scale_std',
-    '--speed-ceiling': 'speed_ceiling_mps',
-    '--minimum-hold': 'minimum_hold_s',
 }
 
 
