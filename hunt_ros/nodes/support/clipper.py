@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from queue import SimpleQueue
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
@@ -47,8 +48,8 @@ class Clipper:
     ) -> None:
         self._logger, self._clock = node.get_logger(), node.get_clock()
         self._running, self._least_free = running, least_free
+        self._heard: SimpleQueue[tuple[Path, int, str]] = SimpleQueue()
         self._clips = Clips()
-        self._taking = threading.Lock()  # of what is heard and what is due
         self._cutting = threading.Lock()  # of the thread, and of who closes
         node.work('clips', self._work)
 
@@ -61,12 +62,8 @@ class Clipper:
             return
         said = (told.get(key, '') for key in ('event', 'level', 'test', 'cause'))
         alarm = alarm_of(*said)
-        if alarm is None or not alarm.begins:
-            return
-        with self._taking:
-            taken = self._clips.take(recording, stamp_ns, alarm.code)
-        if not taken:
-            self._logger.warning(f'{alarm.code}: no clip, this hour has had its share')
+        if alarm is not None and alarm.begins:
+            self._heard.put((recording, stamp_ns, alarm.code))
 
     def recover(self, recording: Path, topic: str) -> None:
         """Hear again the events at the end of a recording: a kill may have cost their clips."""
@@ -85,19 +82,16 @@ class Clipper:
     def cut(self) -> None:
         """Cut the clips that are due; where no recording goes on, all that are left."""
         with self._cutting:
-            running = self._running()
-            with self._taking:
-                due = self._clips.due(self._clock.now().nanoseconds, running)
-            for clip in due:
-                end_ns, clip.tries = clip.last_ns, clip.tries - 1
+            for heard in [self._heard.get() for _ in range(self._heard.qsize())]:
+                if not self._clips.take(*heard):
+                    self._logger.warning(f'{heard[-1]}: no clip, this hour has had its share')
+            for clip in self._clips.due(self._clock.now().nanoseconds, self._running()):
+                clip.tries -= 1
                 try:
                     if shutil.disk_usage(clip.path.parent).free < self._least_free():
                         raise BagError(f'{clip.path}: no clip, the disk is nearly full')
                     self._logger.info(f'clip of {clip.code}: {clip.cut()}')
+                    clip.tries = 0
                 except (HuntError, OSError) as error:
                     if not clip.tries:
                         self._logger.warning(str(error))
-                    continue
-                with self._taking:
-                    if clip.last_ns == end_ns:  # else another alarm came meanwhile
-                        clip.tries = 0
