@@ -31,7 +31,6 @@ from hunt_ros.dashboard.viewer_socket import ViewerSocket
 from hunt_ros.dashboard.words import Words
 from hunt_ros.errors import ConfigError
 
-SESSION_S = 12 * 3600.0
 #: A command is a word and a few more.
 _MOST_BYTES = 4096
 #: A connection on which nothing is asked for is closed after this, s.
@@ -70,8 +69,6 @@ class PageServer:
         Of the page: the name of the rig.
     recordings : Recordings
         What the second page shows.
-    session_s : float
-        How long after a token was typed it lets this browser view or command.
     words : Words
         In which answers are told.
 
@@ -89,7 +86,6 @@ class PageServer:
         command: Command,
         title: str,
         recordings: Recordings,
-        session_s: float = SESSION_S,
         words: Words = Words(),  # noqa: B008 - it never changes
     ) -> None:
         try:
@@ -101,7 +97,7 @@ class PageServer:
                 ' with --page PORT, or with the parameters address and port'
             ) from error
         port = int(self._sockets[0].getsockname()[1])
-        self.site = Site(port, access, command, title, recordings, session_s, words)
+        self.site = Site(port, access, command, title, recordings, words)
         self._loop = asyncio.new_event_loop()
         started: Future[None] = Future()
         self._thread = threading.Thread(

@@ -127,13 +127,13 @@ class Site:
         Of the page: the name of the rig.
     recordings : Recordings
         What the second page shows.
-    session_s : float
-        How long after a token was typed it lets this browser view or command.
     words : Words
         In which answers are told.
 
     Attributes
     ----------
+    session_s : float
+        How long after a token was typed it lets this browser view or command.
     live : LivePages
     reading, signing, asking : Turns
         Of who has the disk read, types a wrong token, waits for the answer of a command.
@@ -148,8 +148,8 @@ class Site:
     command: Command
     title: str
     recordings: Recordings
-    session_s: float
     words: Words
+    session_s: float = 12 * 3600.0
     live: LivePages = field(default_factory=LivePages)
     reading: Turns = field(default_factory=lambda: Turns(4, 32))
     signing: Turns = field(default_factory=lambda: Turns(16, 16))

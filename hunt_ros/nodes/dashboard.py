@@ -31,6 +31,9 @@ from hunt_ros.sensors import DISPLACEMENTS
 from hunt_ros.settings import Settings, setting
 from hunt_ros.suite import PAGE_PORT
 
+#: Updates of the page, s.
+_UPDATE_S = 0.05
+
 
 @dataclass(frozen=True)
 class DashboardConfig(Settings):
@@ -43,15 +46,7 @@ class DashboardConfig(Settings):
     token_file: str = setting(
         '', 'File with the lines "view: TOKEN" and "command: TOKEN", mode 600.'
     )
-    session_hours: float = setting(
-        12.0,
-        'How long a typed token counts; after it the emergency stop alone.',
-        unit='h',
-        low=0.1,
-        high=720.0,
-    )
     directory: str = setting('./recordings', 'Folder of the recordings on the second page.')
-    update_rate_hz: float = setting(20.0, 'Updates of the page.', unit='Hz', low=2.0, high=50.0)
 
 
 class DashboardNode(SuiteNode):
@@ -70,7 +65,6 @@ class DashboardNode(SuiteNode):
             lambda word, words: self._caller.call(word, words),
             self.get_namespace().strip('/') or 'rig',
             Recordings(Path(config.directory).expanduser().absolute()),
-            3600.0 * config.session_hours,
             Words(settings.speed_unit),
         )
         self._model = PageModel(settings, form, self.get_namespace())
@@ -94,7 +88,7 @@ class DashboardNode(SuiteNode):
         host = f'[{config.address}]' if ':' in config.address else config.address
         self._url = f'http://{host}:{self._server.site.port}/'
         self.get_logger().info(f'the page is at {self._url}')
-        self.create_timer(1.0 / config.update_rate_hz, self._update, clock=steady_clock())
+        self.create_timer(_UPDATE_S, self._update, clock=steady_clock())
 
     def close(self) -> None:
         """End the server."""

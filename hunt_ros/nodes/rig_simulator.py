@@ -35,6 +35,8 @@ from hunt_ros.samples import NANOSECONDS
 from hunt_ros.settings import Settings, setting
 
 _DRIVE_HZ = 100.0
+#: Size of the bump of the service `kick`.
+_KICK_M = 0.3e-3
 _DRIVE_STEP_NS = round(NANOSECONDS / _DRIVE_HZ)
 #: Simulated time begins here, so that no stamp is 0, which ROS takes for 'not set'.
 _FIRST_STAMP_NS = NANOSECONDS
@@ -78,9 +80,6 @@ class SimulatorConfig(Settings):
     wheelset: str = setting('', 'YAML file of the simulated rig; empty: the built-in one.')
     initial_speed_mps: float = setting(
         6.0, 'Running speed at the start.', unit='m/s', low=0.1, high=100.0
-    )
-    kick_m: float = setting(
-        0.3e-3, 'Size of the bump of the service kick.', unit='m', low=0.0, high=0.02
     )
     kicks: tuple[float, ...] = setting(
         (), 'Times, s, and sizes, m, of bumps by themselves, in turn.'
@@ -238,7 +237,7 @@ class RigSimulatorNode(SuiteNode):
             self._rig.kick(self._kicks.pop(0)[1])
 
     def _on_kick(self, said: Said) -> str:
-        self._kicks.insert(0, (0.0, self._config.kick_m))  # due at once
+        self._kicks.insert(0, (0.0, _KICK_M))  # due at once
         return 'the wheelset was hit'
 
     def _health(self) -> Health:
