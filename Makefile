@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 ROS := ros
-EXTRAS := fast,completion,modbus,serial,nidaqmx,matlab73,tdms,parquet,cluster,dashboard,test,colcon
+EXTRAS := fast,completion,modbus,serial,nidaqmx,matlab73,tdms,cluster,dashboard,test,colcon
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 24

@@ -59,7 +59,6 @@ setup(
         'fast': ['numba>=0.59'],
         'matlab73': ['pymatreader>=1.0'],
         'tdms': ['npTDMS>=1.9'],
-        'parquet': ['pyarrow>=15'],
         'modbus': ['pymodbus>=3.10,<4', 'pyserial>=3.5'],
         'serial': ['pyserial>=3.5'],
         'nidaqmx': ['nidaqmx>=1.0'],

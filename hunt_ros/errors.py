@@ -47,7 +47,7 @@ def one_line(error: BaseException) -> str:
 #: Libraries that only a part needs: recordings, the page, a format of tables, hardware. No package
 #: of Ubuntu or of ROS brings all of a part.
 _BY_PIP = (
-    *('rosbags mcap lz4 zstandard', 'tornado', 'pyarrow', 'nptdms', 'pymatreader h5py'),
+    *('rosbags mcap lz4 zstandard', 'tornado', 'nptdms', 'pymatreader h5py'),
     *('pymodbus pyserial', 'nidaqmx'),
 )
 

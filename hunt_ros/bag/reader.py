@@ -131,7 +131,7 @@ class Bag(Stored):
         """Open a file; what can be expanded of one that is compressed as a whole, to a place."""
         kind = storage_kind(name)
         if kind not in STORAGES:
-            how = '"hunt import" makes one of a CSV, MATLAB, NumPy, TDMS or Parquet file'
+            how = '"hunt import" makes one of a CSV, MATLAB, NumPy or TDMS file'
             if kind == ROS_1:
                 how = f'"rosbags-convert --src {name.name} --dst OUT" makes one of a bag of ROS 1'
             raise BagError(f'{name}: not a recording, expected a folder, .mcap or .db3; {how}')

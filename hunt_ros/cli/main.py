@@ -35,7 +35,7 @@ VERBS: dict[str, str] = {
     'report': 'write the report of recordings: one HTML page, and the figures as SVG and PNG',
     'normal-form': 'compute critical speed and normal form of a rig from its parameters',
     'info': 'say what is in a recording and what is wrong with it; --repair: save what is sound',
-    'import': 'turn a CSV, MATLAB, NumPy, TDMS or Parquet file, or a foreign bag, into a bag',
+    'import': 'turn a CSV, MATLAB, NumPy or TDMS file, or a foreign bag, into a bag',
     'export': 'write channels of a recording as CSV',
     'calibrate': 'calibrate a sensor: known displacements in, gain and offset out',
     'compile': 'compile the kernels once, so that no first run waits (make install does it)',

@@ -33,7 +33,6 @@ FILES = {
     'import': 'import FILE.csv OUT',
     'import .mat': 'import FILE.mat OUT',
     'import .npy': 'import FILE.npy OUT',
-    'import .parquet': 'import FILE.parquet OUT',
     'simulate --wheelset': 'simulate OUT --wheelset FILE',
     'normal-form': 'normal-form FILE',
     'simulate --profile': 'simulate OUT --profile FILE',

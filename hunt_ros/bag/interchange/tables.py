@@ -1,5 +1,5 @@
 """
-Files of numbers that are no bags: CSV, MATLAB, NumPy, TDMS, Parquet.
+Files of numbers that are no bags: CSV, MATLAB, NumPy, TDMS.
 
 Each becomes a table: named arrays, as the file holds them.
 """
@@ -74,7 +74,7 @@ _CLOCK = re.compile(r'^\d\d?:\d\d:\d\d(\.\d*)?$')
 
 def load_table(path: str | Path) -> Table:
     """
-    Read a file by its ending: .csv .txt .tsv .dat .asc .lvm .mat .npy .npz .tdms .parquet.
+    Read a file by its ending: .csv .txt .tsv .dat .asc .lvm .mat .npy .npz .tdms.
 
     Raises
     ------
@@ -462,35 +462,10 @@ def _read_tdms(path: Path) -> Table:
     return table
 
 
-def _read_parquet(path: Path) -> Mapping[str, Any]:
-    import pyarrow
-    from pyarrow import parquet
-
-    table = parquet.read_table(path)
-    columns: dict[str, Any] = {}
-    for name in table.column_names:
-        column = table.column(name)
-        absent = column.is_null().to_numpy()
-        values = column.to_numpy()  # what is absent is NaN, NaT or None in it
-        if values.dtype.kind == 'm':
-            values = values / np.timedelta64(1, 's')
-        if values.dtype == object:  # decimals, numbers as text; or words, times of day, lists
-            try:
-                values = values.astype(np.float64)
-            except (TypeError, ValueError):
-                columns[name] = BagError(f'{name} is of type {column.type}, expected numbers')
-                continue
-        elif absent.any() and pyarrow.types.is_integer(column.type):
-            values = column.fill_null(0).to_numpy()  # all digits of a stamp
-        columns[name] = np.ma.MaskedArray(values, absent) if absent.any() else values
-    return columns
-
-
 _READERS: dict[str, Callable[[Path], Mapping[str, Any]]] = {
     **dict.fromkeys(('.csv', '.txt', '.tsv', '.dat', '.asc', '.lvm'), _read_csv),
     '.mat': _read_matlab,
     '.npy': _read_numpy,
     '.npz': _read_numpy,
     '.tdms': _read_tdms,
-    '.parquet': _read_parquet,
 }

@@ -490,42 +490,11 @@ def test_what_a_table_lacks_is_said(tmp_path: Path, capsys) -> None:
     assert 'no speed is in it' in capsys.readouterr().out
 
 
-def test_dates_of_parquet_are_times(tmp_path: Path) -> None:
-    pyarrow = pytest.importorskip('pyarrow', reason='the extra parquet is not installed')
-    from pyarrow import parquet
-
-    stamps = np.datetime64('2026-11-23T10:00', 'ns') + np.arange(50) * np.timedelta64(5, 'ms')
-    table = pyarrow.table({'when': stamps, 'lateral_mm': np.arange(50.0)})
-    parquet.write_table(table, tmp_path / 'a.parquet')
-    record = load_record(tmp_path / 'a.parquet')
-    np.testing.assert_array_equal(record['lateral'].stamps_ns, stamps.astype(np.int64))
-
-
 def test_a_column_never_takes_the_place_of_the_stamps(bag: Path, tmp_path: Path) -> None:
     out = tmp_path / 'a.csv'
     with pytest.raises(BagError, match='stamp_ns is the column of the stamps'):
         export_file(bag, out, ['stamp_ns=/rig/yaw'])
     assert not list(tmp_path.iterdir())
-
-
-def test_columns_of_parquet_that_are_no_numbers_harm_no_other(tmp_path: Path) -> None:
-    pyarrow = pytest.importorskip('pyarrow')
-    parquet = pytest.importorskip('pyarrow.parquet')
-    from decimal import Decimal
-
-    columns = {
-        't': pyarrow.array(np.arange(4) * 500_000, pyarrow.duration('us')),
-        'lateral': pyarrow.array([Decimal('0.001'), None, Decimal('0.003'), Decimal('0.004')]),
-        'speed': pyarrow.array(['7', '7', '7.5', '7']),
-        'remark': pyarrow.array(['start', None, None, 'end']),
-    }
-    parquet.write_table(pyarrow.table(columns), tmp_path / 'a.parquet')
-    record = load_record(tmp_path / 'a.parquet')
-    np.testing.assert_array_equal(record['lateral'].values, [0.001, 0.003, 0.004])
-    np.testing.assert_array_equal(np.diff(record['lateral'].stamps_ns), [10**9, 5 * 10**8])
-    np.testing.assert_array_equal(record['speed'].values, [7.0, 7.0, 7.5, 7.0])
-    with pytest.raises(BagError, match='remark is of type string, expected numbers'):
-        load_record(tmp_path / 'a.parquet', ['lateral=remark'])
 
 
 def test_a_recording_has_its_times(bag: Path) -> None:
