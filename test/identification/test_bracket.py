@@ -104,6 +104,25 @@ def test_a_sweep_brackets_the_fold_and_shows_coexistence(records, make, seed):
     assert seen.coexistence is not None
 
 
+@pytest.mark.parametrize(('form', 'end'), [(PAPER_NORMAL_FORM, V_N), (SOFT, 8.0)])
+@pytest.mark.parametrize('slower', [5.0, 10.0])
+@pytest.mark.parametrize('ramp', [0.02, 0.05, 0.1])
+def test_a_limit_cycle_that_dies_slowly_is_not_said_to_end_below_its_end(
+    make, form, end, slower, ramp
+):
+    way, rise = 3.2 / ramp, 40.0 * slower
+    times = np.cumsum([0.0, 20.0, way, rise, way, 60.0])
+    for seed in range(2):
+        record = make(
+            lambda t: np.interp(t, times, [5.6, 5.6, 8.8, 8.8, 5.6, 5.6]), times[-1], seed,
+            form=replace(form, time_scale=slower * form.time_scale),
+            forcing=4e-6 / math.sqrt(slower),
+        )  # fmt: skip
+        seen = seen_in(record)
+        assert seen.v_n[0] < end < seen.v_n[1]
+        assert seen.coexistence is None or seen.coexistence[0] > end
+
+
 def test_a_speed_that_a_limit_cycle_passed_and_came_back_from_is_none_at_which_it_stayed(make):
     times, speeds = [0, 20, 22, 24, 74, 76, 110], [8.2, 8.2, 6.2, 7.4, 7.4, 6.0, 6.0]
     record = make(lambda t: np.interp(t, times, speeds), 110.0, 1, start=6e-4, forcing=2e-6)

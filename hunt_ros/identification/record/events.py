@@ -34,6 +34,9 @@ Kind = Literal['rest', 'stayed', 'died', 'grew']
 #: Cycles that rest, and a limit cycle, are seen at least: what passes by the place where the two
 #: limit cycles have just vanished lingers there for some tens of cycles.
 _REST_CYCLES, _STAY_CYCLES = 12.0, 40.0
+#: ... and in times in which it dies by a factor of e: next to that place, at a distance of a share d
+#: of that to where rest loses its damping, it lingers pi / (2 sqrt(d)) of them.
+_STAY_DECAYS = 10.0
 #: Speeds that count as one, relative.
 ONE_SPEED = 0.01
 #: Scatter of ln A of a limit cycle at one speed, at most: half of that of noise (Rayleigh's).
@@ -200,31 +203,36 @@ class _Piece:
         """Return whether a motion died, stayed, or stayed until the speed had fallen."""
         died = end < self.amplitude.size - 1
         alive = self.amplitude[begin : end + 1]
-        fall = end
+        if died and _is_one(self.speed[begin : end + 1]):
+            return [self.event('died', begin, end, float(alive.max()), kick)]
+        large = begin + np.flatnonzero(alive >= 0.5 * float(np.median(alive)))
+        first, fall, least = int(large[0]), end, _STAY_CYCLES * self.period
         if died:
             # Where the fall began: the last instant at half of what the motion was before.
-            fall = begin + int(np.flatnonzero(alive >= 0.5 * float(np.median(alive)))[-1])
+            fall = int(large[large < end][-1])
+            # At its end it dies as small motion does.
+            middle = math.sqrt(self.amplitude[fall] * self.amplitude[end])
+            half = fall + int(np.flatnonzero(self.amplitude[fall:end] >= middle)[-1])
+            decays = math.log(self.amplitude[half] / self.amplitude[end])
+            least = max(least, _STAY_DECAYS * float(self.time[end] - self.time[half]) / decays)
         # What was there for long after an instant, at no higher speed, stayed at that speed.
-        first = begin + int(np.argmax(alive >= 0.5 * float(np.median(alive))))
-        far = np.searchsorted(self.time, self.time[first : fall + 1] + _STAY_CYCLES * self.period)
+        far = np.searchsorted(self.time, self.time[first : fall + 1] + least)
         stays = [
             (k, int(m))
             for k, m in zip(range(first, fall + 1), far, strict=True)
             if m <= fall and self.speed[k : m + 1].max() <= (1.0 + 0.5 * ONE_SPEED) * self.speed[k]
         ]
-        if died and _is_one(self.speed[begin : end + 1]):
-            return [self.event('died', begin, end, float(alive.max()), kick)]
         found: list[Event] = []
         if died:
             # What died at a speed did not stay there.
-            least = (1.0 + ONE_SPEED) * float(self.speed[fall : end + 1].max())
-            stays = [pair for pair in stays if self.speed[pair[0]] > least]
+            there = (1.0 + ONE_SPEED) * float(self.speed[fall : end + 1].max())
+            stays = [pair for pair in stays if self.speed[pair[0]] > there]
         if stays:
             lowest, until = min(stays, key=lambda ends: (self.speed[ends[0]], -ends[0]))
-            there = self.amplitude[lowest : until + 1]
-            if float(np.std(np.log(there))) > _SCATTER:
+            kept = self.amplitude[lowest : until + 1]
+            if float(np.std(np.log(kept))) > _SCATTER:
                 return []
-            size = float(np.median(there))
+            size = float(np.median(kept))
             stayed = self.event('stayed', stays[0][0], stays[-1][0], size, kick)
             whole = self.event('stayed', lowest, stays[-1][1], size)
             # A speed that it passed and came back from, it did not stay at.
