@@ -51,7 +51,7 @@ def describe(result: Identification) -> list[str]:
         f'units: d0 = {result.length_scale:.4g} m ({result.scales_from["length"]}),'
         f' 1/omega_psi = {result.time_scale:.4g} s ({result.scales_from["time"]})',
         result.onset,
-        f'law: {result.fit.law}; {result.fit.segments} of {len(result.segments)} segments used',
+        f'law: {result.fit.law}; {result.fit.segments} segments',
         *(f'warning: {line}' for line in (*result.notices, *lines_of(asked))),
     ]
 

@@ -19,7 +19,7 @@ from scipy.ndimage import median_filter
 from hunt_ros.analysis.steady_state import ABOVE_NOISE, threshold_of_motion
 from hunt_ros.dynamics.growth_law import GrowthLaw
 from hunt_ros.identification.record.events import ONE_SPEED, SMALLEST, Event, events_of
-from hunt_ros.identification.record.segments import Run
+from hunt_ros.identification.record.plateaus import Run
 from hunt_ros.samples import as_json
 
 Bounds = tuple[float | None, float | None]

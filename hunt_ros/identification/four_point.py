@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.dynamics.normal_form import NormalForm
-from hunt_ros.identification.record.segments import Segment
 from hunt_ros.samples import key
 
 #: Detunings at which the paper takes its four amplitudes.
@@ -52,7 +51,7 @@ class FourPoint:
 
 
 def at_detunings(
-    states: Sequence[SteadyState], segments: Sequence[Segment], critical_speed: float
+    states: Sequence[SteadyState], moved: Sequence[tuple[str, int, int]], critical_speed: float
 ) -> list[SteadyState] | str:
     """
     Choose the limit cycles at the paper's four detunings.
@@ -61,9 +60,9 @@ def at_detunings(
     ----------
     states : sequence of SteadyState
         Limit cycles only.
-    segments : sequence of Segment
-        A state in which, or as long before it as it lasts, the rig was on its way to or from
-        hunting is left out: its amplitude may not have settled.
+    moved : sequence of (str, int, int)
+        Source, and first and last stamp, ns, of its ways to and from hunting: a state in which,
+        or as long before it as it lasts, the rig was on one is left out: it may not have settled.
     critical_speed : float
         m/s.
 
@@ -74,16 +73,14 @@ def at_detunings(
     """
     if len(states) < 4:
         return f'the four-point recipe needs four limit cycles, {len(states)} were measured'
-    moving = [part for part in segments if part.kind in ('transient', 'kick')]
 
     def settled(state: SteadyState) -> bool:
         """Return True where nothing moved for as long before."""
         start, end = 2 * state.start_ns - state.end_ns, state.end_ns
-        parts = (part for part in moving if part.source == state.source)
-        return not any(part.start_ns < end and part.end_ns > start for part in parts)
+        ways = (way for source, *way in moved if source == state.source)
+        return not any(first < end and last > start for first, last in ways)
 
-    still = [state for state in states if settled(state)]
-    still = [state for state in still if state.kind == 'plateau'] or still
+    still = [state for state in states if state.kind == 'plateau' and settled(state)]
     chosen = []
     for target in PAPER_DETUNINGS:
         off = [abs(state.speed / critical_speed - 1.0 - target) for state in still]
@@ -134,14 +131,14 @@ def four_point(detunings: NDArray[np.float64], radii: NDArray[np.float64], D1: f
 def recipe(
     identified: IdentifiedNormalForm | None,
     states: Sequence[SteadyState],
-    segments: Sequence[Segment],
+    moved: Sequence[tuple[str, int, int]],
     warnings: list[str],
 ) -> FourPoint | str:
     """Run the recipe with v_c and D1 of a normal form, on limit cycles; or say why not."""
     if identified is None:
         return 'the four-point recipe needs v_c and D1 of a normal form, and none is given'
     form = identified.form
-    chosen = at_detunings(states, segments, form.critical_speed)
+    chosen = at_detunings(states, moved, form.critical_speed)
     if isinstance(chosen, str):
         return chosen
     eps = np.array([state.speed / form.critical_speed - 1.0 for state in chosen])

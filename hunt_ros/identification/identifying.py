@@ -37,6 +37,7 @@ from hunt_ros.identification.record.envelope import (
 )
 from hunt_ros.identification.record.hunting_frequency import looked_at
 from hunt_ros.identification.record.mode_ratio import measured_ratio
+from hunt_ros.identification.record.plateaus import Run
 from hunt_ros.identification.record.screening import (
     Stretch,
     above_noise,
@@ -45,7 +46,6 @@ from hunt_ros.identification.record.screening import (
     refuse_two_rigs,
     repeated,
 )
-from hunt_ros.identification.record.segments import Run
 from hunt_ros.identification.result import Identification
 from hunt_ros.identification.settings import FREQUENCIES_HZ, IdentificationSettings
 from hunt_ros.identification.verdict.verdict import Evidence, conclude
@@ -308,7 +308,7 @@ def _runs(
     warnings: list[str],
     tell: Tell,
 ) -> list[Run]:
-    """Return envelopes, segments and steady amplitudes of all stretches."""
+    """Return envelopes and steady amplitudes of all stretches."""
 
     def all_runs(clearance_m: float, tell: Tell | None) -> tuple[list[Run], list[str]]:
         """Return runs and warnings for a clearance."""

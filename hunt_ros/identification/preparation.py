@@ -23,6 +23,7 @@ from hunt_ros.identification.record.channels import Channels, refuse, speed_step
 from hunt_ros.identification.record.envelope import FEWEST_SAMPLES, WINDOW_CYCLES, without_beat
 from hunt_ros.identification.record.hunting_frequency import motion_of_channels, tracked_envelope
 from hunt_ros.identification.record.kicks import find_kicks
+from hunt_ros.identification.record.plateaus import Run, steady_states
 from hunt_ros.identification.record.screening import (
     Digest,
     Stretch,
@@ -31,7 +32,6 @@ from hunt_ros.identification.record.screening import (
     sketch_of,
     without_contact,
 )
-from hunt_ros.identification.record.segments import Run, analyse_record
 from hunt_ros.identification.record.stops import ignoring, measuring
 from hunt_ros.identification.record.turning import with_angle
 from hunt_ros.identification.settings import FREQUENCIES_HZ, IdentificationSettings
@@ -156,7 +156,7 @@ def runs_in(
     turning: Sequence[float] = (),
 ) -> tuple[list[Run], list[str]]:
     """
-    Return envelope, segments and steady amplitudes of each of its stretches.
+    Return envelope and steady amplitudes of each of its stretches.
 
     Parameters
     ----------
@@ -195,6 +195,6 @@ def runs_in(
             continue
         corrected = without_beat(envelope)
         kicked = find_kicks(clean, envelope)
-        segments, states = analyse_record(channels, envelope, corrected, kicked, settings)
-        runs.append(Run(seen, envelope, corrected, kicked, segments, states))
+        states = steady_states(channels, envelope, corrected, kicked, settings)
+        runs.append(Run(seen, envelope, corrected, kicked, states))
     return runs, said

@@ -30,7 +30,6 @@ from hunt_ros.identification.bracket import Bracket
 from hunt_ros.identification.four_point import FourPoint
 from hunt_ros.identification.posterior import BranchName, BranchPoint, Posterior
 from hunt_ros.identification.record.envelope import Envelope
-from hunt_ros.identification.record.segments import Segment
 from hunt_ros.samples import Record, Uncertain, Unknown, as_json, counted, key, known
 
 Array = NDArray[np.float64]
@@ -42,7 +41,7 @@ GIVEN, PAPERS = 'given', 'rig of the paper'
 _KEYS = {'fold_amplitude': 'fold_amplitude_m', 'disturbance': 'disturbance_m'}
 
 #: Version of the file: another one is refused. A dataclass that moves needs a new one.
-_VERSION = 8
+_VERSION = 9
 #: What reading raises of a file that holds something else, or is spoilt.
 _SPOILT = (
     HuntError, ValueError, KeyError, TypeError, AttributeError, ImportError, EOFError,
@@ -64,7 +63,7 @@ class FitSummary:
     law : str
         The growth law: 'quintic with saturation'.
     segments : int
-        Stretches of the recordings that were used.
+        Pieces of the recordings, between gaps and kicks, that it was fitted to.
     residual_rms : float
         Of the one-step prediction of the amplitude, m.
     lack_of_fit : bool
@@ -116,7 +115,6 @@ class Identification:
         Amplitude of the disturbance that explains the observed jump up (Appendix A), m.
     four_point : FourPoint or None
     fit : FitSummary
-    segments : sequence of Segment
     envelopes : sequence of Envelope
     records : sequence of Record
         What it was identified from, where that was given as records.
@@ -156,7 +154,6 @@ class Identification:
     disturbance: Uncertain | None
     four_point: FourPoint | None
     fit: FitSummary
-    segments: Sequence[Segment] = ()
     envelopes: Sequence[Envelope] = ()
     records: Sequence[Record] = field(default=(), repr=False)
     frequency_hz: Uncertain | None = None
@@ -335,7 +332,7 @@ class Identification:
             With the keys of `hunt identify --json`.
         """
         width = known(self.observed.hysteresis_width)
-        own = ('scales_from', 'steady_states', 'four_point', 'fit', 'segments', 'fold_amplitude')
+        own = ('scales_from', 'steady_states', 'four_point', 'fit', 'fold_amplitude')
         kind = ('criticality', 'supercritical_probability', 'hysteresis_below')
         numbers = ('v_c', 'v_n', 'hysteresis_width', 'frequency_hz', 'disturbance')
         found = {name: as_json(getattr(self, name)) for name in (*numbers, *kind, *own)}

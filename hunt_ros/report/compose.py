@@ -254,7 +254,6 @@ class Report:
         if not self.pair:
             either_side = _unknown('no settled state on both sides of it, speed up')
         lists = tables.folded('Steady amplitudes', tables.steady_states(one))
-        lists += tables.folded('Stretches of the recordings', tables.segments(one))
         loop = pick('fig06', _unknown('no steady state was found'))
         if not self.responses:
             panels = _unknown('no steady stretch was found')

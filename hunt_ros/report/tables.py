@@ -218,7 +218,7 @@ def fit_quality(one: Identification) -> str:
     cells = {
         'criticality': one.criticality or shown(one.why('criticality')),
         'growth law': escape(fit.law),
-        'segments used': shown(fit.segments),
+        'segments': shown(fit.segments),
         'fit has converged': 'yes' if fit.converged else 'no',
         'residual, rms (µm)': shown(
             _known(one, fit.residual_rms, 'fit.residual_rms_m'), 1e6, digits=2
@@ -262,29 +262,6 @@ def steady_states(one: Identification) -> str:
         'component alone, and as the paper takes them (Sect. 2.4), roughness and noise included.'
     )
     return table(header, rows, caption)
-
-
-def segments(one: Identification) -> str:
-    """Table of the stretches of the recordings: what each was used for, or why it was not."""
-    rows = [
-        [
-            segment.kind,
-            place(segment.source),
-            f'{(segment.end_ns - segment.start_ns) / NANOSECONDS:.1f}',
-            f'{segment.speed_start:.2f} … {segment.speed_end:.2f}',
-            shown(Uncertain(segment.growth_rate, segment.growth_rate_std))
-            if math.isfinite(segment.growth_rate)
-            else '',
-            'used' if segment.used else '<b>dropped</b>',
-            text(segment.reason),
-        ]
-        for segment in one.segments
-    ]
-    header = [
-        'stretch', 'recording', 'length (s)', 'speed (m/s)', 'growth rate (1/s)', '',
-        'what for, or why not',
-    ]  # fmt: skip
-    return table(header, rows, 'What was found in the recordings.') if rows else ''
 
 
 def events(seen: Mapping[str, Sequence[Event]], records: Sequence[Record]) -> str:

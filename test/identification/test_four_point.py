@@ -1,12 +1,13 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hunt_ros.analysis.steady_state import SteadyState
 from hunt_ros.dynamics.normal_form import PAPER_NORMAL_FORM
 from hunt_ros.identification.four_point import at_detunings, four_point
-from hunt_ros.identification.record.segments import Segment
 
 
 def radii(eps):
@@ -44,19 +45,19 @@ def state(speed, start=0):
     return SteadyState(speed, 6e-4, 1e-6, 'up', 50, start_ns=start + 5, end_ns=start + 9)
 
 
-def segment(kind, speed, start, end):
-    return Segment(kind, '', start, end, speed, speed, True, '')
-
-
 def test_a_hold_that_contains_a_jump_is_not_one_of_the_four():
     speeds = [6.5, 7.2, 8.0, 8.02, 8.8]
     states = [state(speed, start=20 * k) for k, speed in enumerate(speeds)]
-    holds = [segment('plateau', speed, 20 * k, 20 * k + 10) for k, speed in enumerate(speeds)]
-    chosen = at_detunings(states, holds, 8.0)
+    chosen = at_detunings(states, [], 8.0)
     assert [one.speed for one in chosen] == [6.5, 7.2, 8.0, 8.8]
-    jump = segment('transient', 8.0, 41, 44)  # before the amplitude had settled, in the same hold
-    chosen = at_detunings(states, [*holds, jump], 8.0)
+    jump = ('', 41, 44)  # before the amplitude had settled, in the same hold
+    chosen = at_detunings(states, [jump], 8.0)
     assert [one.speed for one in chosen] == [6.5, 7.2, 8.02, 8.8]
+
+
+def test_amplitudes_along_a_ramp_have_not_settled():
+    ramp = [replace(state(speed, start=20), kind='ramp') for speed in (6.5, 7.2, 8.0, 8.8)]
+    assert 'no settled limit cycle' in at_detunings(ramp, [], 8.0)
 
 
 def test_limit_cycles_far_from_the_four_detunings_do_not_stand_in_for_them():

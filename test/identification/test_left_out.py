@@ -40,7 +40,7 @@ def test_what_happens_in_an_ignored_interval_changes_nothing(loop, clean):
     document, other = clean.to_json(), spoilt.to_json()
     assert document['v_c'] == other['v_c']
     assert document['v_n'] == other['v_n']
-    assert document['segments'] == other['segments']
+    assert document['steady_states'] == other['steady_states']
 
 
 def test_an_interval_of_no_recording_is_refused_and_an_empty_one_is_said(loop):

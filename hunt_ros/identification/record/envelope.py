@@ -106,6 +106,10 @@ class Envelope:
         """Distance of the instants, s."""
         return float(self.time[1] - self.time[0]) if self.time.size > 1 else math.nan
 
+    def stamp(self, k: int) -> int:
+        """Return the stamp of an instant, ns."""
+        return self.start_ns + int(1e9 * self.time[k])
+
 
 def window_weight(x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Blackman window over -1 to 1."""

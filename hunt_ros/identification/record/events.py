@@ -34,8 +34,8 @@ Kind = Literal['rest', 'stayed', 'died', 'grew']
 #: Cycles that rest, and a limit cycle, are seen at least: what passes by the place where the two
 #: limit cycles have just vanished lingers there for some tens of cycles.
 _REST_CYCLES, _STAY_CYCLES = 12.0, 40.0
-#: ... and in times in which it dies by a factor of e: next to that place, at a distance of a share d
-#: of that to where rest loses its damping, it lingers pi / (2 sqrt(d)) of them.
+#: ... and in times in which it dies by a factor of e: past that place by a share d of the way to
+#: where rest loses its damping it lingers pi / (2 sqrt(d)) of them.
 _STAY_DECAYS = 10.0
 #: Speeds that count as one, relative.
 ONE_SPEED = 0.01

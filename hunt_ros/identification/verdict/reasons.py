@@ -32,7 +32,6 @@ _USUAL: Mapping[str, str] = {
     'branches': 'at some speeds the law has no such limit cycle',
     'steady_states.amplitude_std_m': 'some steady states are too short for a deviation',
     'steady_states': 'the mean of the maxima is taken on plateaus only, over two cycles or more',
-    'segments': 'a growth rate is read where a free transient is small for long enough',
     'fit.lack_of_fit_p': 'no motion shows whether the law holds, or the fit has run away',
     'fit': 'the information of the fit is singular',
     'frequency_hz': 'no line stands out',

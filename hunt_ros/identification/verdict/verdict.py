@@ -23,7 +23,7 @@ from hunt_ros.identification.fit import FittedLaw
 from hunt_ros.identification.four_point import FourPoint, recipe
 from hunt_ros.identification.posterior import Posterior
 from hunt_ros.identification.record.envelope import Envelope
-from hunt_ros.identification.record.segments import Run, Segment
+from hunt_ros.identification.record.plateaus import Run
 from hunt_ros.identification.result import GIVEN, PAPERS, FitSummary, Identification, percent
 from hunt_ros.identification.settings import IdentificationSettings
 from hunt_ros.identification.uncertainty import critical_speed_bound, draw_laws, linear_growth_std
@@ -95,9 +95,15 @@ class Evidence:
         return [run.envelope for run in self.runs]
 
     @property
-    def segments(self) -> list[Segment]:
-        """Segments of all runs."""
-        return [part for run in self.runs for part in run.segments]
+    def moved(self) -> list[tuple[str, int, int]]:
+        """Ways to and from hunting, and kicks: source, and first and last stamp, ns."""
+        kicks = [*self.bracket.kicks, *(kick for run in self.runs for kick in run.kicks)]
+        ways = [
+            (event.source, event.start_ns, event.end_ns)
+            for event in self.bracket.events
+            if event.kind in ('grew', 'died')
+        ]
+        return ways + [(source, at, at) for source, at in kicks]
 
     @property
     def states(self) -> list[SteadyState]:
@@ -184,7 +190,7 @@ def conclude(
         why['hysteresis_below'] = 'the rig is subcritical: it has a hysteresis'
     below = None if why['hysteresis_below'] else posterior.hysteresis_below(speed_std)
     observed, no_hysteresis = resolved(evidence.observed, criticality)
-    four = recipe(form, evidence.hunting, evidence.segments, warnings)
+    four = recipe(form, evidence.hunting, evidence.moved, warnings)
     result = Identification(
         normal_form=form,
         v_c=given['v_c'],
@@ -207,7 +213,6 @@ def conclude(
         disturbance=None if why['disturbance_m'] else posterior.disturbance(evidence.observed),
         four_point=four if isinstance(four, FourPoint) else None,
         fit=_summary(evidence, misfit, lacks),
-        segments=tuple(evidence.segments),
         envelopes=tuple(evidence.envelopes),
         frequency_hz=_frequency(evidence),
         fold_amplitude=given['fold_amplitude_m'],
@@ -318,7 +323,7 @@ def _unsupported(
     needs amplitudes on both sides of it.
     """
     law, (low, high), amplitude = best.law, evidence.speeds, evidence.along('amplitude')
-    moved = any(part.kind == 'transient' for part in evidence.segments)
+    moved = bool(evidence.moved)
     hunts = evidence.observed.threshold is not None
     failed: dict[str, str] = {}
     speed = float(np.median(evidence.along('speed')))
@@ -455,7 +460,7 @@ def _summary(evidence: Evidence, misfit: LackOfFit, lacks: Sequence[str]) -> Fit
     rms = float(np.sqrt(np.mean(used**2))) if used.size else math.nan
     return FitSummary(
         law=best.law.name,
-        segments=sum(segment.used for segment in evidence.segments),
+        segments=int(best.fit.problem.path.starts.sum()),
         residual_rms=best.law.scales.amplitude * rms,
         lack_of_fit=bool(lacks),
         lack_of_fit_because=tuple(lacks),

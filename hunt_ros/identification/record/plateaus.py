@@ -1,23 +1,20 @@
 """
-What a record is made of, found by itself: plateaus, ramps, kicks, free transients, gaps.
+Steady amplitudes of a record: at the ends of plateaus of the speed, and along slow ramps.
 
-The speed parts a record into holds and ramps; the envelope shows where something else
-than the growth law moved the wheelset (a kick), and where it moved freely between the
-quiet state and the limit cycle (a transient). Each stretch says whether it was used, and
-if not, why.
+The speed parts a record into holds and ramps; an amplitude counts where it neither drifts nor was
+kicked.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
@@ -31,13 +28,11 @@ from hunt_ros.analysis.steady_state import (
 from hunt_ros.identification.record.channels import Channels, runs
 from hunt_ros.identification.record.envelope import Envelope
 from hunt_ros.identification.settings import IdentificationSettings
-from hunt_ros.samples import key
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Kind = Literal['plateau', 'ramp', 'kick', 'transient', 'gap']
 
-#: Fewest instants of a steady amplitude; of a piece of a ramp, and of a transient.
+#: Fewest instants of a steady amplitude, and of a piece of a ramp.
 _SPAN = 6
 #: Relative error of an amplitude from which the beat with the roughness is not removed.
 _LOCKED = 0.02
@@ -46,37 +41,6 @@ _LOCKED = 0.02
 _STILL, _FOLLOWING = 0.01, 0.05
 #: A limit cycle that is smaller than so much of itself meanwhile is none.
 _DIPS = 0.7
-
-
-@dataclass(frozen=True)
-class Segment:
-    """
-    One stretch of a record.
-
-    Parameters
-    ----------
-    kind : 'plateau', 'ramp', 'kick', 'transient' or 'gap'
-    source : str
-    start_ns, end_ns : int
-    speed_start, speed_end : float
-        m/s.
-    used : bool
-    reason : str
-        What it was used for, or why it was dropped.
-    growth_rate, growth_rate_std : float
-        Mean d ln A / dt of a transient below half its largest amplitude, 1/s; NaN else.
-    """
-
-    kind: Kind
-    source: str
-    start_ns: int
-    end_ns: int
-    speed_start: float = field(metadata=key('speed_start_mps'))
-    speed_end: float = field(metadata=key('speed_end_mps'))
-    used: bool
-    reason: str
-    growth_rate: float = field(default=math.nan, metadata=key('growth_rate_per_s'))
-    growth_rate_std: float = field(default=math.nan, metadata=key('growth_rate_std_per_s'))
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,24 +55,23 @@ class Run:
     envelope: Envelope
     corrected: Envelope
     kicked: Mask
-    segments: Sequence[Segment]
     states: Sequence[SteadyState]
 
     @property
     def kicks(self) -> list[tuple[str, int]]:
         """Source and stamp, ns, of each kick."""
-        return [(part.source, part.start_ns) for part in self.segments if part.kind == 'kick']
+        return [(self.envelope.source, self.envelope.stamp(k)) for k, _ in runs(self.kicked)]
 
 
-def analyse_record(
+def steady_states(
     channels: Channels,
     envelope: Envelope,
     corrected: Envelope,
     kicked: Mask,
     settings: IdentificationSettings,
-) -> tuple[list[Segment], list[SteadyState]]:
+) -> list[SteadyState]:
     """
-    Part one record into segments, and read its steady amplitudes.
+    Read the steady amplitudes of one record.
 
     Parameters
     ----------
@@ -125,38 +88,20 @@ def analyse_record(
 
     Returns
     -------
-    segments : list of Segment
-    states : list of SteadyState
+    list of SteadyState
         In the order of time.
     """
     one = _Analysis(channels, envelope, corrected, kicked)
     time, speed = envelope.time, envelope.speed
-    gaps = runs(~np.isfinite(envelope.amplitude))
-    kick = 'motion that no growth law makes; a new segment begins'
-    gap = 'no lateral samples, or none that the sensor measured'
-    free = 'free motion between quiet and limit cycle'
-    segments = [one.segment('kick', *ends, False, kick) for ends in runs(one.kicked)]
-    segments += [one.segment('gap', *ends, False, gap) for ends in gaps]
-    segments += [
-        one.segment('transient', *ends, True, free, *mean_growth(envelope, *ends))
-        for ends in one.transients()
-    ]
-    states: list[SteadyState] = []
+    states: list[SteadyState | None] = []
     edge = 0
     for start, end in [*speed_holds(time, speed, settings.minimum_hold_s), (time.size, time.size)]:
-        if start - edge > 1:
-            for low, high in one.one_way(edge, start):
-                found = one.along_ramp(low, high)
-                used = f'{len(found)} nearly steady amplitudes' if found else ''
-                reason = used or 'too short for an amplitude'
-                segments.append(one.segment('ramp', low, high, bool(found), reason))
-                states += found
+        for low, high in one.one_way(edge, start):
+            states += one.along_ramp(low, high)
         if end > start:
-            state, reason = one.on_plateau(start, end)
-            segments.append(one.segment('plateau', start, end, state is not None, reason))
-            states += [state] if state is not None else []
+            states.append(one.on_plateau(start, end))
         edge = end
-    return sorted(segments, key=lambda segment: segment.start_ns), states
+    return [state for state in states if state is not None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,25 +123,6 @@ class _Analysis:
     def tolerance(self) -> float:
         """Change of the speed that is none, m/s."""
         return 0.004 * float(np.median(np.abs(self.envelope.speed)))
-
-    def stamp(self, k: int) -> int:
-        """Return the stamp of an instant, ns."""
-        return self.envelope.start_ns + int(1e9 * self.envelope.time[k])
-
-    def segment(
-        self,
-        kind: Kind,
-        start: int,
-        end: int,
-        used: bool,
-        reason: str,
-        rate: float = math.nan,
-        error: float = math.nan,
-    ) -> Segment:
-        """Return the segment from an instant to before another."""
-        source, ends = self.envelope.source, (self.stamp(start), self.stamp(end - 1))
-        speeds = float(self.envelope.speed[start]), float(self.envelope.speed[end - 1])
-        return Segment(kind, source, *ends, *speeds, used, reason, rate, error)
 
     def state(
         self, start: int, end: int, kind: Literal['plateau', 'ramp'], direction: Direction
@@ -229,27 +155,23 @@ class _Analysis:
             maxima_std=maxima_std,
             kind=kind,
             source=envelope.source,
-            start_ns=self.stamp(start),
-            end_ns=self.stamp(end - 1),
+            start_ns=envelope.stamp(start),
+            end_ns=envelope.stamp(end - 1),
         )
 
-    def on_plateau(self, start: int, end: int) -> tuple[SteadyState | None, str]:
-        """Steady amplitude at the end of a plateau, and what is to be said of it."""
+    def on_plateau(self, start: int, end: int) -> SteadyState | None:
+        """Steady amplitude at the end of a plateau; None where it changes still."""
         amplitude = self.envelope.amplitude[start:end]
         # A reading that stands still has an amplitude of zero, which tells nothing of ln A.
         broken = np.flatnonzero(self.kicked[start:end] | ~(amplitude > 0.0))
         first = int(broken[-1]) + 1 if broken.size else 0
-        if amplitude.size - first < _SPAN:
-            return None, 'too short after the last kick or gap'
         tail = steady_part(amplitude[first:])
-        steady = amplitude[first:][tail] if tail is not None else amplitude[:0]
-        dips = steady.size and steady.min() < _DIPS * steady.max()
-        if tail is None or (dips and steady.mean() > self.threshold):
-            return None, 'the amplitude is still changing at its end'
-        state = self.state(start + first + tail.start, end, 'plateau', self.direction(start, end))
-        if state is None:
-            return None, 'too few instants'
-        return state, f'steady amplitude over {state.cycles} cycles'
+        if tail is None:
+            return None
+        steady = amplitude[first:][tail]
+        if steady.min() < _DIPS * steady.max() and steady.mean() > self.threshold:
+            return None
+        return self.state(start + first + tail.start, end, 'plateau', self.direction(start, end))
 
     def direction(self, start: int, end: int) -> Direction:
         """Which way the speed came from: the last change before a stretch, or within it."""
@@ -262,21 +184,16 @@ class _Analysis:
             within = here - float(speed[other[-1]])
         return 'up' if within > 0.0 else 'down'
 
-    def along_ramp(self, low: int, high: int) -> list[SteadyState]:
+    def along_ramp(self, low: int, high: int) -> Iterator[SteadyState | None]:
         """Nearly steady amplitudes along a ramp, where the amplitude follows the speed."""
-        direction: Direction = (
-            'up' if self.envelope.speed[high - 1] > self.envelope.speed[low] else 'down'
-        )
-        states = []
+        rises = self.envelope.speed[high - 1] > self.envelope.speed[low]
         for begin in range(low, high - _SPAN + 1, _SPAN):
             amplitude = self.envelope.amplitude[begin : begin + _SPAN]
             if self.kicked[begin : begin + _SPAN].any() or not (amplitude > 0.0).all():
                 continue
             if amplitude.mean() > self.threshold and abs(drift(amplitude)) > _FOLLOWING:
                 continue
-            state = self.state(begin, begin + _SPAN, 'ramp', direction)
-            states += [state] if state is not None else []
-        return states
+            yield self.state(begin, begin + _SPAN, 'ramp', 'up' if rises else 'down')
 
     def one_way(self, start: int, end: int) -> list[tuple[int, int]]:
         """Part a stretch where its speed turns round by more than the tolerance."""
@@ -284,21 +201,6 @@ class _Analysis:
         turns = [find_peaks(x, prominence=2.0 * self.tolerance)[0] for x in (speed, -speed)]
         edges = [start, *(start + 1 + np.sort(np.concatenate(turns))).tolist(), end]
         return [(a, b) for a, b in pairwise(edges) if b - a > 1]
-
-    def transients(self) -> list[tuple[int, int]]:
-        """Stretches in which the amplitude is on its way from one state to another."""
-        amplitude = self.envelope.amplitude
-        if self.threshold == math.inf or amplitude.size <= _SPAN:
-            return []
-        logs = np.log(np.where((amplitude > 0.0) & ~self.kicked, amplitude, np.nan))
-        pieces = sliding_window_view(logs, _SPAN + 1)
-        change, scatter = np.abs(pieces[:, -1] - pieces[:, 0]), np.std(np.diff(pieces), axis=1)
-        # A drift against the scatter of its own steps, and not a small one; NaN is none.
-        moving = np.zeros(amplitude.size, dtype=bool)
-        for k in np.flatnonzero((change > 0.3) & (change > 2.0 * math.sqrt(_SPAN) * scatter)):
-            moving[k : k + _SPAN + 1] = True
-        reach = 0.5 * self.threshold
-        return [(a, b) for a, b in runs(moving) if np.nanmax(amplitude[a:b]) > reach]
 
 
 def _known(values: Array) -> Array:
@@ -338,16 +240,6 @@ def steady_part(amplitude: Array) -> slice | None:
             return slice(start, n)
         start += max(1, (n - start) // 10)
     return None
-
-
-def mean_growth(envelope: Envelope, start: int, end: int) -> tuple[float, float]:
-    """Slope of ln A over the small part of a transient, and its deviation, 1/s."""
-    amplitude, time = envelope.amplitude[start:end], envelope.time[start:end]
-    small = (amplitude > 0.0) & (amplitude < 0.5 * float(amplitude.max()))
-    if small.sum() < 5:
-        return math.nan, math.nan
-    line, covariance = np.polyfit(time[small], np.log(amplitude[small]), 1, cov=True)
-    return float(line[0]), math.sqrt(float(covariance[0, 0]))
 
 
 def speed_holds(time: Array, speed: Array, shortest_s: float) -> list[tuple[int, int]]:

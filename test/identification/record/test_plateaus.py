@@ -10,7 +10,7 @@ from hunt_ros.identification.record.channels import channels_of
 from hunt_ros.identification.record.envelope import without_beat
 from hunt_ros.identification.record.hunting_frequency import tracked_envelope
 from hunt_ros.identification.record.kicks import find_kicks
-from hunt_ros.identification.record.segments import analyse_record, speed_holds, steady_part
+from hunt_ros.identification.record.plateaus import Run, speed_holds, steady_part, steady_states
 from hunt_ros.identification.settings import IdentificationSettings
 
 SETTINGS = IdentificationSettings()
@@ -19,8 +19,9 @@ SETTINGS = IdentificationSettings()
 def analysed(record):
     channels = channels_of(record)
     envelope, clean = tracked_envelope(channels, 2.8, SETTINGS)
-    kicked = find_kicks(clean, envelope)
-    return analyse_record(channels, envelope, without_beat(envelope), kicked, SETTINGS)
+    kicked, corrected = find_kicks(clean, envelope), without_beat(envelope)
+    states = steady_states(channels, envelope, corrected, kicked, SETTINGS)
+    return Run(envelope, envelope, corrected, kicked, states)
 
 
 def test_holds_are_found_in_a_noisy_staircase_and_none_in_a_ramp():
@@ -54,11 +55,7 @@ def test_the_steady_part_leaves_out_the_approach():
 
 
 def test_a_staircase_gives_one_state_a_plateau_with_its_direction(records):
-    segments, states = analysed(records['staircase'][0])
-    plateaus = [s for s in segments if s.kind == 'plateau']
-    assert len(plateaus) == 29
-    assert all(segment.reason for segment in segments)
-    steady = [s for s in states if s.kind == 'plateau']
+    steady = [s for s in analysed(records['staircase'][0]).states if s.kind == 'plateau']
     top = max(steady, key=lambda s: s.speed)
     assert len(steady) > 20
     assert {s.direction for s in steady if s.end_ns < top.start_ns and s.speed > 6.1} == {'up'}
@@ -68,16 +65,12 @@ def test_a_staircase_gives_one_state_a_plateau_with_its_direction(records):
     assert top.cycles > 30
 
 
-def test_kicks_and_free_transients_of_a_sweep_are_found_where_they_were(records):
+def test_kicks_of_a_sweep_are_found_where_they_were(records):
     record = records['sweep'][0]
-    segments, _ = analysed(record)
-    found = [(s.start_ns - record.start_ns) / 1e9 for s in segments if s.kind == 'kick']
+    found = [(at - record.start_ns) / 1e9 for _, at in analysed(record).kicks]
     for time in (60.0, 120.0):
         assert min(abs(np.array(found) - time)) < 1.5
     assert len(found) <= 6
-    transients = [s for s in segments if s.kind == 'transient']
-    assert any(s.speed_start > 7.4 and s.growth_rate > 0.0 for s in transients)
-    assert any(s.speed_start < 6.6 and s.growth_rate < 0.0 for s in transients)
 
 
 def test_a_small_kick_into_the_noise_next_to_the_critical_speed_is_found():
@@ -88,19 +81,10 @@ def test_a_small_kick_into_the_noise_next_to_the_critical_speed_is_found():
     found = []
     for seed in range(4):
         record = simulate(paper_rig(), rig, profile, kicks=kicks, seed=seed)
-        begun = [s.start_ns for s in analysed(record)[0] if s.kind == 'kick']
-        found += [(start_ns - record.start_ns) / 1e9 for start_ns in begun]
+        found += [(at - record.start_ns) / 1e9 for _, at in analysed(record).kicks]
     near = [time for time in found if abs(time - 40.0) < 1.5]
     assert len(near) >= 3
     assert len(found) - len(near) <= 1
-
-
-def test_a_hole_in_the_samples_is_a_gap_that_is_not_used(make):
-    record = make(8.6, 60.0, 0, start=7e-4)
-    record['lateral'].values[2000:2500] = np.nan
-    gaps = [s for s in analysed(record)[0] if s.kind == 'gap']
-    assert len(gaps) == 1
-    assert not gaps[0].used
 
 
 def test_a_reading_that_stands_still_is_no_amplitude():
@@ -110,6 +94,5 @@ def test_a_reading_that_stands_still_is_no_amplitude():
     lateral = np.round(motion / 1e-4) * 1e-4
     speed = 7.0 + 0.2 * np.floor(time / 41.0)
     record = record_of(time, lateral=lateral, speed=speed)
-    segments, states = analysed(record)
-    assert [s.used for s in segments if s.kind == 'plateau'] == [False, True, True]
+    states = analysed(record).states
     assert [round(1e3 * s.amplitude, 2) for s in states if s.kind == 'plateau'] == [2.0, 2.0]
