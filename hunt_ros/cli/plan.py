@@ -21,12 +21,8 @@ _OPTIONS = {
     '--budget': 'budget_s',
     '--max-escape': 'max_escape',
     '--start': 'start_speed_mps',
-    '--kicks': 'kicks',
-    '--rearm': 'rearm_s',
     '--at': 'speeds_mps',
 }
-#: Actions that are shown.
-_SHOWN = 6
 
 
 def configure(parser: options.Parser) -> None:
@@ -75,11 +71,4 @@ def describe(found: Plan) -> list[str]:
         lasting = [one.duration_s for one in alike]
         times = f', {len(lasting)} times' if len(lasting) > 1 else ''
         lines.append(f'  {sum(lasting):5.0f} s  {words}{times}')
-    if found.actions:
-        lines.append(
-            'the best actions from here, by what a minute teaches (drop of the logarithms of the'
-            ' deviations above, 1/min):'
-        )
-    return lines + [
-        f'  {one.gain_per_minute:7.1f} 1/min  {one.words}' for one in found.actions[:_SHOWN]
-    ]
+    return lines

@@ -54,13 +54,10 @@ class Move:
         As the drive runs it.
     wanted : bool
         Whether a start of hunting in it is what it is for.
-    kick : float
-        Size of a kick as soon as its speed is reached, m; 0: none.
     """
 
     step: Hold
     wanted: bool = True
-    kick: float = 0.0
 
 
 class Foresight:
@@ -187,7 +184,7 @@ def _leg(move: Move) -> tuple[float, ...]:
     step = move.step
     above, below = step.until_above_m or math.inf, step.until_below_m
     way = step.speed_mps, step.rate_mps2, step.duration_s
-    return (*way, above, below, float(move.wanted), move.kick)
+    return (*way, above, below, float(move.wanted))
 
 
 def _central(rows: Array) -> NDArray[np.bool_]:
@@ -213,9 +210,9 @@ def _follow(
 
     Parameters
     ----------
-    legs : ndarray, shape (m, 7)
+    legs : ndarray, shape (m, 6)
         Speed, m/s, rate, m/s^2, time there, s, ends above and below, m, whether hunting is
-        wanted, kick, m.
+        wanted.
     growth : ndarray, shape (laws, speeds, amplitudes)
         1/s; the paths follow the laws in turn.
     folds, intensity : ndarray, shape (laws,)
@@ -236,14 +233,13 @@ def _follow(
         push = math.sqrt(2.0 * intensity[law] * _STEP_S)
         n = int(time / _STEP_S + 0.5)
         rate = wanted = 0.0
-        for target, slew, hold, above, below, wanted, kick in legs:
+        for target, slew, hold, above, below, wanted in legs:
             waited = 0.0
             while below <= amplitude <= above:
                 if speed == target:
                     if waited >= hold:
                         break
                     waited += _STEP_S
-                    amplitude, kick = math.hypot(amplitude, kick), 0.0
                 else:
                     way = slew * _STEP_S
                     speed += min(max(target - speed, -way), way)

@@ -1,8 +1,8 @@
 """
 What to measure next: the profile that teaches the most a minute, under a bounded risk.
 
-Actions are short pieces of a profile: holds, reversals that the amplitude triggers, kicks.
-Each is run ahead over draws of what is known (`foresight`); the one with the largest
+Actions are short pieces of a profile: holds, and reversals that the amplitude triggers. Each is
+run ahead over draws of what is known (`foresight`); the one with the largest
 expected drop of the logarithms of the deviations a second is taken, if the chance that hunting
 begins unwanted stays within its bound, and the next is chosen from where that one ends. Looking
 two actions ahead gains nothing measurable.
@@ -54,7 +54,6 @@ _NOTHING = 1e-3
 _DOES = {
     'hold': 'holds where the growth rate is least known',
     'reversal': 'crosses the middle amplitudes again and again, which show the law',
-    'kick': 'kicks the wheelset near the unstable branch',
 }
 
 
@@ -84,8 +83,6 @@ class PlanSettings(Settings):
         (), 'where the unstable amplitude is wanted (none: at 36 % and 74 % of v_n to v_c)',
         unit='m/s',
     )  # fmt: skip
-    kicks: bool = setting(False, 'somebody stands by to kick the wheelset')
-    rearm_s: float = setting(10.0, 'time that a kick costs', unit='s', low=0.0, high=200.0)
     start_speed_mps: float = setting(
         0.0, 'speed of the rig now (0: the slowest recorded)', unit='m/s', low=0.0, high=1e3
     )
@@ -108,7 +105,7 @@ class Action:
 
     Parameters
     ----------
-    kind : 'hold', 'reversal' or 'kick'
+    kind : 'hold' or 'reversal'
     words : str
         What it does.
     moves : tuple of Move
@@ -177,8 +174,6 @@ class Plan:
         Empty where too little is known.
     steps : sequence of Action
         The actions taken, in their order.
-    actions : sequence of Action
-        All actions from where the rig is now, the best first.
     """
 
     profile: Profile = field(metadata=key(''))
@@ -189,7 +184,6 @@ class Plan:
     escape: float | None = field(default=None, metadata=key('escape_chance'))
     quantities: Sequence[Prediction] = ()
     steps: Sequence[Action] = ()
-    actions: Sequence[Action] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return what `hunt plan --json` writes."""
@@ -325,13 +319,7 @@ class _Planner:
         states = foresight.start(self._start, settings.start_amplitude_m)
         information = foresight.nothing
         taken: list[Action] = []
-        ranking: list[Action] = []
-        while True:
-            rated = self._rated(states, information)
-            ranking = ranking or rated
-            best = next(filter(self._allowed, rated), None)
-            if best is None:
-                break
+        while best := next(filter(self._allowed, self._rated(states, information)), None):
             states, information = best.states, information + best.information
             taken.append(best)
         quantities = self._predicted(information)
@@ -353,7 +341,6 @@ class _Planner:
             float(states[:, ESCAPED].mean()),
             quantities,
             taken,
-            ranking,
         )
 
     def _rated(self, states: Array, information: Array) -> list[Action]:
@@ -376,15 +363,14 @@ class _Planner:
 
     def _allowed(self, one: Action) -> bool:
         """Return True where it is worth its time and its risk is within the bound."""
-        manned = self._settings.kicks or one.kind != 'kick'
         within = one.escape_chance <= self._settings.max_escape
-        return manned and within and one.gain_per_minute >= _NOTHING
+        return within and one.gain_per_minute >= _NOTHING
 
     def _actions(self, hunts: bool) -> Iterator[tuple[str, str, tuple[Move, ...]]]:
         """Kind, words and moves of all that makes sense where the rig is: hunting, or not."""
         places = [v for v in map(self._beyond, _WATCHED) if v <= self._ceiling]
         tops = [min(self._beyond(_TOP), self._ceiling)] * (self._ceiling > self._v_c)
-        fold, bottom, ready_s = self._fold, self._bottom, self._settings.rearm_s
+        fold, bottom = self._fold, self._bottom
         above, below = _HUNTING * fold, _QUIET_AGAIN * fold
         fall = self._move(bottom, _PATIENCE_S, below=_FALLEN * fold)
         rise = [self._move(top, _PATIENCE_S, above=_GROWN * fold) for top in tops]
@@ -394,13 +380,6 @@ class _Planner:
         yield _action('reversal', *turn)
         for v in places:
             yield _action('reversal', *turn, self._move(v, _WATCH_S, False, above, below))
-        if not hunts:
-            for v, unstable in zip(places, self._unstable(places), strict=True):
-                size = float(unstable if math.isfinite(unstable) else fold)
-                ready = self._move(v, ready_s, wanted=False, note='get ready to kick')
-                note = f'kick the wheelset by {1e3 * size:.2g} mm now'
-                kick = self._move(v, _WATCH_S, False, above, kick=size, note=note)
-                yield _action('kick', ready, kick)
 
     def _move(
         self,
@@ -409,8 +388,6 @@ class _Planner:
         wanted: bool = True,
         above: float = 0.0,
         below: float = 0.0,
-        kick: float = 0.0,
-        note: str = '',
     ) -> Move:
         """Return a step with numbers as a person would write them, never above the ceiling."""
         step = Hold(
@@ -418,9 +395,8 @@ class _Planner:
             hold_s,
             until_above_m=_rounded(above, 3),
             until_below_m=_rounded(below, 3),
-            note=note,
         )
-        return Move(step, wanted, kick)
+        return Move(step, wanted)
 
     def _predicted(self, information: Array) -> list[Prediction]:
         """Return what is known of each quantity now, and will be after the profile."""
@@ -443,8 +419,7 @@ def _words(step: Hold) -> str:
         for way, amplitude in (('above', step.until_above_m), ('below', step.until_below_m))
         if amplitude
     ]
-    words += f' or until {" or ".join(ends)}' if ends else ''
-    return f'{words} ({step.note})' if step.note else words
+    return words + (f' or until {" or ".join(ends)}' if ends else '')
 
 
 def _reason(taken: Sequence[Action], quantities: Sequence[Prediction]) -> str:

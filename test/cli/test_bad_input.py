@@ -55,7 +55,6 @@ NUMBERS = {
     'plan --budget': 'plan BAG --budget X',
     'identify --set speed_scale_std': 'identify BAG --set speed_scale_std=X',
     'identify --set minimum_hold_s': 'identify BAG --set minimum_hold_s=X',
-    'plan --rearm': 'plan BAG --rearm X',
     'plan --max-escape': 'plan BAG --max-escape X',
     'report --set roller_diameter_m': 'report BAG --out OUT.html --set roller_diameter_m=X',
     'import --rate': 'import TABLE OUT --rate X',
