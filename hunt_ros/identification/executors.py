@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import Any
 
 from hunt_ros.errors import IdentificationError
 
-_T = TypeVar('_T')
 #: Told which fraction of the work is done.
 Tell = Callable[[float], None]
 #: As the built-in `map`: gives the results in the order of the arguments.
@@ -51,13 +50,3 @@ def mapper(cluster: str = '') -> Iterator[Mapper]:
         ) from error
     with client, client.get_executor(pure=False) as pool:
         yield pool.map
-
-
-def collected(results: Iterable[_T], count: int, tell: Tell | None = None) -> list[_T]:
-    """Return what a mapper gives, and say after each which share of `count` is done."""
-    found = []
-    for done, result in enumerate(results, start=1):
-        found.append(result)
-        if tell:
-            tell(done / count)
-    return found

@@ -23,7 +23,7 @@ from hunt_ros.dynamics.mode_shape import ModeShape, fitted_shape
 from hunt_ros.errors import IdentificationError
 from hunt_ros.estimation.record_lines import RecordLines
 from hunt_ros.identification.bracket import bracket_of
-from hunt_ros.identification.executors import Mapper, Tell, collected, mapper
+from hunt_ros.identification.executors import Mapper, Tell, mapper
 from hunt_ros.identification.fit import fit_law
 from hunt_ros.identification.likelihood.path import Path
 from hunt_ros.identification.preparation import Recording, Source, motion_in, runs_in
@@ -99,18 +99,13 @@ def identify(
     tell = progress or (lambda fraction: None)
     warnings: list[str] = []
     with mapper(settings.cluster) as mapped:
-        recordings = _usable(sources, settings, mapped, warnings, lambda part: tell(_READ * part))
+        recordings = _usable(sources, settings, mapped, warnings)
+        tell(_READ)
         settings = _with_resolution(settings, recordings, warnings)
         frequency, fixed, turning = _hunting_frequency(recordings, settings, mapped, warnings)
         work = partial(runs_in, frequency_hz=frequency, fixed_hz=fixed, turning=turning)
-        runs = _runs(
-            recordings,
-            work,
-            settings.flange_clearance_m,
-            mapped,
-            warnings,
-            lambda part: tell(_READ + (_SEEN - _READ) * part),
-        )
+        runs = _runs(recordings, work, settings.flange_clearance_m, mapped, warnings)
+        tell(_SEEN)
         states = [state for run in runs for state in run.states]
         bracket = bracket_of(runs)
         kicks = [*bracket.kicks, *(kick for run in runs for kick in run.kicks)]
@@ -163,7 +158,6 @@ def _usable(
     settings: IdentificationSettings,
     mapped: Mapper,
     warnings: list[str],
-    tell: Tell,
 ) -> list[Recording]:
     """Read the recordings; return those that count."""
     count = len(sources)
@@ -173,7 +167,7 @@ def _usable(
                 f'ignore: recording {number} of {count} has no interval to leave out'
             )
     given = [Recording(source, k, settings) for k, source in enumerate(sources, start=1)]
-    _read(given, mapped, tell)
+    _read(given, mapped)
     left_out = zip(settings.ignore, *(one.digest.ignored for one in given), strict=True)
     warnings += [
         f'ignore: no sample is between {low:g} and {high:g} s'
@@ -193,9 +187,9 @@ def _usable(
     return recordings
 
 
-def _read(recordings: Sequence[Recording], mapped: Mapper, tell: Tell | None = None) -> None:
+def _read(recordings: Sequence[Recording], mapped: Mapper) -> None:
     """Have recordings read where the work is done."""
-    digests = collected(mapped(attrgetter('digest'), recordings), len(recordings), tell)
+    digests = mapped(attrgetter('digest'), recordings)
     for one, digest in zip(recordings, digests, strict=True):
         one.digest = digest
 
@@ -306,24 +300,22 @@ def _runs(
     clearance_m: float,
     mapped: Mapper,
     warnings: list[str],
-    tell: Tell,
 ) -> list[Run]:
     """Return envelopes and steady amplitudes of all stretches."""
 
-    def all_runs(clearance_m: float, tell: Tell | None) -> tuple[list[Run], list[str]]:
+    def all_runs(clearance_m: float) -> tuple[list[Run], list[str]]:
         """Return runs and warnings for a clearance."""
-        some = mapped(partial(work, clearance_m=clearance_m), recordings)
-        found = collected(some, len(recordings), tell)
+        found = list(mapped(partial(work, clearance_m=clearance_m), recordings))
         return [run for some, _ in found for run in some], [x for _, said in found for x in said]
 
-    runs, said = all_runs(clearance_m, tell)
+    runs, said = all_runs(clearance_m)
     if runs and not clearance_m:
         amplitude = np.concatenate([run.envelope.amplitude for run in runs])
         states = [state for run in runs for state in run.states]
         held, reason = held_amplitude(states, threshold_of_motion(amplitude))
         if held:
             warnings.append(reason)
-            runs, said = all_runs(held, None)
+            runs, said = all_runs(held)
     warnings += said
     if not runs:
         raise IdentificationError(said[0].removeprefix('left out: '))

@@ -334,7 +334,7 @@ class _Planner:
         shortest, longest = np.percentile(states[:, TIME], [2.5, 97.5])
         return Plan(
             profile,
-            _reason(taken, quantities),
+            _reason(taken),
             float(states[:, TIME].mean()),
             profile.duration_s,
             (float(shortest), float(longest)),
@@ -422,14 +422,10 @@ def _words(step: Hold) -> str:
     return words + (f' or until {" or ".join(ends)}' if ends else '')
 
 
-def _reason(taken: Sequence[Action], quantities: Sequence[Prediction]) -> str:
-    """Say what the profile does most of the time, and what for."""
+def _reason(taken: Sequence[Action]) -> str:
+    """Say what the profile does most of the time."""
     lasts = {kind: sum(one.duration_s for one in taken if one.kind == kind) for kind in _DOES}
-    most = max(quantities, key=lambda one: one.std / max(one.std_after, 1e-300))
-    return (
-        f'it {_DOES[max(lasts, key=lasts.__getitem__)]}: the deviation of {most.name} falls'
-        f' from {most.told(most.std)} to {most.told(most.std_after)} at best'
-    )
+    return f'it {_DOES[max(lasts, key=lasts.__getitem__)]}'
 
 
 def _rounded(value: float, digits: int = 4) -> float:

@@ -14,7 +14,6 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import partial
-from html import escape
 from os import PathLike
 from pkgutil import resolve_name
 from typing import Any
@@ -302,15 +301,6 @@ class Identification:
             f' at {low:.3g} to {high:.3g} m/s>'
         )
 
-    def _repr_html_(self) -> str:
-        """Table of what was found, with the reason of what was not, for a notebook."""
-        names = {'v_c': 'v_c (m/s)', 'v_n': 'v_n (m/s)', **{name: name for name in COEFFICIENTS}}
-        rows = ''.join(
-            f'<tr><th>{words}</th><td>{escape(_cell(self.quantity(name)))}</td></tr>'
-            for name, words in names.items()
-        )
-        return f'<table><caption>{self.onset}</caption>{rows}</table>'
-
     def why(self, key: str) -> Unknown:
         """Return the reason for which the entry of the JSON at `key` is null."""
         return Unknown(reason_in(self.unknown, key) or 'the identification gave no reason')
@@ -350,12 +340,6 @@ class Identification:
             'unknown': dict(self.unknown),
             'warnings': list(self.warnings),
         }
-
-
-def _cell(number: Uncertain | Unknown) -> str:
-    if isinstance(number, Unknown):
-        return str(number)
-    return f'{number} (95 %: {number.low:.5g} to {number.high:.5g})'
 
 
 def percent(share: float) -> str:

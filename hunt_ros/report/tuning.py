@@ -21,7 +21,7 @@ import numpy as np
 from hunt_ros.detection import DetectorConfig
 from hunt_ros.dynamics.identified import IdentifiedNormalForm
 from hunt_ros.identification import Identification
-from hunt_ros.identification.executors import Tell, collected, mapper
+from hunt_ros.identification.executors import Tell, mapper
 from hunt_ros.identification.record.events import Event
 from hunt_ros.report.alarms import load_of, rate_per_hour
 from hunt_ros.report.events import events_of
@@ -187,9 +187,11 @@ def tune(
     truths = [Truth.of(record, identification.bracket.events) for record in records]
     pairs = list(product(configs, records))
     with mapper(cluster) as mapped:
-        spells = collected(
-            mapped(partial(_spells, form), *zip(*pairs, strict=True)), len(pairs), tell
-        )
+        spells = []
+        for spell in mapped(partial(_spells, form), *zip(*pairs, strict=True)):
+            spells.append(spell)
+            if tell:
+                tell(len(spells) / len(pairs))
     rows = [spells[k : k + len(records)] for k in range(0, len(spells), len(records))]
     return truths, [outcome_of(*one, truths, row) for one, row in zip(asked, rows, strict=True)]
 

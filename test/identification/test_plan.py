@@ -30,7 +30,7 @@ def test_all_deviations_are_to_fall_within_budget_and_risk(known, found):
     assert low < found.duration_s < high <= found.longest_s
     assert 0.0 <= found.escape <= 0.05
     assert found.longest_s == found.profile.duration_s
-    assert 'deviation of' in found.reason
+    assert 'middle amplitudes' in found.reason
 
 
 def test_the_profile_is_one_that_the_drive_reads(found):
