@@ -22,7 +22,6 @@ from hunt_ros.dynamics.profile import Hold, Profile, Sweep
 from hunt_ros.errors import ConfigError, IdentificationError
 from hunt_ros.identification.foresight import AMPLITUDE, BELOW, ESCAPED, TIME, Foresight, Move
 from hunt_ros.identification.posterior import Posterior
-from hunt_ros.identification.record.events import ONE_SPEED
 from hunt_ros.identification.result import Identification
 from hunt_ros.samples import as_json, key, rounded
 from hunt_ros.settings import Settings, setting
@@ -252,21 +251,9 @@ def _first_sweep(
     profile = Profile((sweep,) * times, 'plan')
     said = known.unknown.get(unknown[0], '') if unknown else ''
     reason = (
-        f'{" and ".join(unknown) or "the law"} must be known before anything better can be'
-        f' planned: a sweep to {ceiling:.3g} m/s shows where hunting begins and ends'
-        + (f' ({said})' if said else '')
+        f'without {" and ".join(unknown) or "a law"} nothing better can be planned than a sweep to'
+        f' {ceiling:.3g} m/s{said and f": {said}"}'
     )
-    if unknown == ['v_n'] and known.criticality == 'supercritical':
-        reason = (
-            'a supercritical rig has no v_n, and nothing more to plan for: a sweep to'
-            f' {ceiling:.3g} m/s shows v_c once more'
-        )
-    rest = known.bracket.v_c
-    if rest is not None and ceiling <= (1.0 + ONE_SPEED) * rest:
-        reason = (
-            f'rest was seen up to {rest:.3g} m/s already: a sweep to {ceiling:.3g} m/s shows the'
-            ' damping below, not where hunting begins; speed_ceiling_mps lets it go further'
-        )
     lasts = profile.duration_s
     return Plan(profile, reason, lasts, lasts, (lasts, lasts))
 

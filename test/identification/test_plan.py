@@ -92,7 +92,7 @@ def test_without_v_n_it_begins_with_a_sweep_and_says_why(known):
     found = plan(blind, PlanSettings(speed_ceiling_mps=9.0, budget_s=120.0))
     assert found.escape is None
     assert found.quantities == ()
-    assert 'v_n must be known' in found.reason
+    assert 'without v_n nothing better can be planned' in found.reason
     assert 'nothing hunted' in found.reason
     found.profile.check(9.0)
     assert found.duration_s <= 125.0
@@ -101,8 +101,7 @@ def test_without_v_n_it_begins_with_a_sweep_and_says_why(known):
 def test_of_a_supercritical_rig_nothing_must_be_known_that_it_has_not(known):
     soft = replace(known, v_n=None, criticality='supercritical', unknown={'v_n': 'it has no fold'})
     found = plan(soft, PlanSettings(speed_ceiling_mps=9.0, budget_s=120.0))
-    assert 'must be known' not in found.reason
-    assert 'shows v_c once more' in found.reason
+    assert found.reason.endswith('a sweep to 9 m/s: it has no fold')
 
 
 def test_deviations_are_told_as_a_person_writes_them():
@@ -113,7 +112,7 @@ def test_deviations_are_told_as_a_person_writes_them():
 def test_a_sweep_to_a_speed_of_rest_promises_no_hunting(known):
     """Rest seen at 7.2 m/s, known to half a per cent; no ceiling given: nothing is above it."""
     rested = replace(known, v_c=None, speeds=(7.1, 7.2), bracket=Bracket(v_c=7.164))
-    assert 'not where hunting begins' in plan(rested, PlanSettings(budget_s=60.0)).reason
+    assert 'hunting' not in plan(rested, PlanSettings(budget_s=60.0)).reason
 
 
 @pytest.fixture(scope='module')
