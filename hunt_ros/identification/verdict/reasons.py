@@ -8,7 +8,8 @@ from typing import Any
 
 from hunt_ros.analysis.steady_state import ObservedCriticalSpeeds
 from hunt_ros.dynamics.normal_form import Criticality
-from hunt_ros.identification.result import Identification, reason_in
+from hunt_ros.identification.bracket import Bracket
+from hunt_ros.identification.result import reason_in
 
 #: Widths of one step of a staircase differ from it by the noise of the speed reading.
 _ONE_STEP = 1.25
@@ -21,14 +22,15 @@ _NO_JUMP_UP, _NO_JUMP_DOWN = (
     f'no run shows steady states either side of a jump {way}, without a kick'
     for way in ('up, speed rising', 'down, speed falling')
 )
-_APART = 'rest and a limit cycle were not seen at one speed'
+_APART = 'rest and a limit cycle were not seen at one speed, or by the law both may not last there'
 _NONE_STAYED = 'no motion as large as a limit cycle died, or none stayed'
 
 #: Reasons where no condition of a quantity failed, by the key of the JSON or its beginning.
 _USUAL: Mapping[str, str] = {
     **dict.fromkeys(('v_c', 'coefficients', 'criticality', 'normal_form'), _FEW_DRAWS),
     'hysteresis_below': 'some of the laws that the data allow have a hysteresis without end',
-    **dict.fromkeys(('v_n', 'fold_amplitude_m', 'hysteresis_width', 'disturbance_m'), _NO_FOLD),
+    **dict.fromkeys(('v_n', 'fold_amplitude_m', 'hysteresis_width'), _NO_FOLD),
+    'disturbance_m': 'the unstable branch does not reach an observed jump up',
     'branches': 'at some speeds the law has no such limit cycle',
     'steady_states.amplitude_std_m': 'some steady states are too short for a deviation',
     'steady_states': 'the mean of the maxima is taken on plateaus only, over two cycles or more',
@@ -37,6 +39,7 @@ _USUAL: Mapping[str, str] = {
     'frequency_hz': 'no line stands out',
     'observed.step_mps': 'no jump was observed',
     **dict.fromkeys(('observed.v_n', 'observed.v_n_between_mps'), _NO_JUMP_DOWN),
+    'observed.hysteresis_width': 'no run shows a jump up and a jump down, without a kick',
     'observed': _NO_JUMP_UP,
     'bracket.v_c_above_mps': 'no kick died, and no rest was long enough to show its damping',
     'bracket.began_mps': 'nothing grew out of rest unkicked, and stayed',
@@ -44,52 +47,32 @@ _USUAL: Mapping[str, str] = {
     'bracket.events.undamped_m': 'only rest has one',
     'bracket.events': 'not every motion was kicked',
     'bracket.cycle_ends_between_mps': _NONE_STAYED,
+    'bracket.v_n_between_mps': 'no rest was seen beside the cycle, or nothing bounds that side',
     'bracket': _APART,
 }
 
 
 def reasons(
-    result: Identification, failed: Mapping[str, str], no_recipe: str, no_hysteresis: str
+    bracket: Bracket, failed: Mapping[str, str], no_recipe: str, no_hysteresis: str
 ) -> dict[str, str]:
     """
     Return the reasons that hold for this result, where they are not the usual ones.
 
     Parameters
     ----------
-    result : Identification
-        Without its reasons.
+    bracket : Bracket
+        What was seen.
     failed : mapping of str to str
         Key of the JSON -> the first of its conditions that failed, in words; '' for none.
     no_recipe, no_hysteresis : str
         Why there is no four-point recipe, and no v_n and width as observed; '' for none.
     """
-    observed, bracket = result.observed, result.bracket
-    told = {**failed, 'four_point': no_recipe}
-    if result.v_n is not None and not failed['disturbance_m']:
-        told['disturbance_m'] = (
-            'no jump up was observed, speed rising'
-            if observed.v_c is None
-            else f'the unstable branch does not reach {observed.v_c:.3g} m/s, the observed jump'
-        )
-    told |= dict.fromkeys(('observed.v_n', 'observed.v_n_between_mps'), no_hysteresis)
-    if observed.threshold is None:
-        told['observed'] = 'all amplitudes are of one kind: nothing jumped'
-    elif observed.v_c is not None:
-        told['observed.hysteresis_width'] = no_hysteresis or _NO_JUMP_DOWN
+    ends = 'observed.v_n', 'observed.v_n_between_mps', 'observed.hysteresis_width'
+    told = {**failed, 'four_point': no_recipe, **dict.fromkeys(ends, no_hysteresis)}
     if not bracket.events:
         told['bracket'] = (
             'all amplitudes are of one kind: rest and a limit cycle cannot be told apart'
         )
-    elif bracket.coexistence is not None:
-        told['bracket.v_n_between_mps'] = _NONE_STAYED
-    elif 'rest' in bracket.why:
-        slow = (
-            'rest and a limit cycle were seen at one speed, but by the law both may not last there'
-        )
-        told |= {
-            f'bracket.{name}': slow
-            for name in ('criticality', 'coexistence_mps', 'v_n_between_mps')
-        }
     return {name: reason for name, reason in told.items() if reason}
 
 

@@ -220,7 +220,7 @@ def conclude(
         posterior=posterior,
         bracket=bracket,
     )
-    told = reasons(result, why, four if isinstance(four, str) else '', no_hysteresis)
+    told = reasons(bracket, why, four if isinstance(four, str) else '', no_hysteresis)
     return replace(result, unknown=unknown_of(result.to_json(), told))
 
 
