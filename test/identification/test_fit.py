@@ -129,6 +129,7 @@ def test_a_recording_without_a_usable_piece_or_in_another_unit_breaks_nothing(ga
         restart=np.tile(np.arange(60) == 0, 2),
         blur=0.05,
         reach=0.2,
+        overlap=0.2,
         recording=run,
     )
     scales = GrowthScales(PAPER_NORMAL_FORM.critical_speed, 3e-3, 0.0485, 1.0 / 25.91, 2.84)

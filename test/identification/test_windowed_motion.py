@@ -16,6 +16,7 @@ from hunt_ros.identification.likelihood.trajectory_fit import (
 from hunt_ros.identification.record.channels import Channels
 from hunt_ros.identification.record.envelope import (
     WINDOW_CYCLES,
+    WINDOW_OVERLAP,
     WINDOW_REACH,
     WINDOW_VARIANCE,
     envelope_of,
@@ -47,6 +48,7 @@ def damping_found(lateral: np.ndarray) -> float:
         np.arange(n) == 0,
         blur=WINDOW_VARIANCE * half**2,
         reach=WINDOW_REACH * half,
+        overlap=WINDOW_OVERLAP,
     )
     start = np.array([*lawful([-1.0, *np.zeros(5)]), 0.0, 0.0, -3.0, -9.0, -18.0])
     return -float(fit_path(Problem(path, *PRIOR, (), usual_spread(path)), start).law[0])

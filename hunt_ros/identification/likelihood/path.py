@@ -30,6 +30,8 @@ class Path:
         Variance of the window in which each phasor was measured, s^2.
     reach : float
         Mean distance of two instants of such a window, s.
+    overlap : float
+        Correlation of the noise of neighbouring windows, below 1/2.
     turn : float
         Angle by which the hunting turns in a step, rad.
     line : ndarray, shape (n,), optional
@@ -47,6 +49,7 @@ class Path:
     restart: NDArray[np.bool_]
     blur: float = 0.0
     reach: float = 0.0
+    overlap: float = 0.0
     turn: float = math.inf
     line: NDArray[np.float64] | None = None
     recording: NDArray[np.int64] | None = None

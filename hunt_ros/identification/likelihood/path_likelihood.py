@@ -91,12 +91,23 @@ def _square(z: complex) -> float:
 
 @compiled_part
 def _updated(
-    log: float, dt: float, q: float, driven: float, more: float, p: float, r: float, reach: float
-) -> tuple[float, float, float]:
+    log: float,
+    dt: float,
+    q: float,
+    driven: float,
+    more: float,
+    p: float,
+    gain: float,
+    left: float,
+    r: float,
+    reach: float,
+    shared: float,
+) -> tuple[float, float, float, float]:
     """
     Predict a variance p of the amplitude, or of what is across it, and update it by a window.
 
-    Returns the variance of the innovation, the gain, and the variance afterwards.
+    Returns the variance of the innovation, the gains of the amplitude and of the new noise of the
+    window, and the variance afterwards.
 
     Parameters
     ----------
@@ -104,17 +115,24 @@ def _updated(
         Logarithm of what a deviation grows by on the way, and how long that takes, s.
     q, driven, more : float
         Forcing, forcing and turning, 1/s; further variance.
-    p, r, reach : float
-        Variance after the window before; noise of a window, and its reach, s.
+    p, gain, left : float
+        Variance and gains after the window before.
+    r, reach, shared : float
+        Noise of a window, its reach, s, and the share of that before.
     """
+    fresh = r / (1.0 + shared * shared)
     grown = math.expm1(2.0 * log)
     m = (1.0 + grown) * p + more
     m += q * (dt if log == 0.0 else dt * grown / (2.0 * log))
+    # Windows overlap: n_k = e_k + shared e_{k-1}, and the last e goes with the amplitude.
+    y = -shared * math.sqrt(1.0 + grown) * gain * fresh
     # A window smooths the random motion inside it: the variance it takes away counts as noise
     # below zero (exact for a random walk, and in the limit of fast return).
     less = 0.5 * reach * driven / (1.0 + reach * max(-log / dt, 0.0))
-    s = max(m + r - less, 0.1 * m + 0.01 * r)
-    return s, m / s, m - m * m / s
+    s = m + 2.0 * y + shared * shared * fresh * (1.0 - left) + fresh - less
+    s = max(s, 0.1 * m + 0.01 * r)
+    k = (m + y) / s
+    return s, k, fresh / s, m - k * k * s
 
 
 @compiled
@@ -127,8 +145,7 @@ def _walk(
     cells: I1,
     beyond: F1,
     starts: B1,
-    blur: float,
-    reach: float,
+    window: F1,
     out: F3,
 ) -> None:
     """
@@ -137,13 +154,16 @@ def _walk(
     All rows of `thetas` walk side by side, with the steps of the integration that the first one
     needs: their differences hold no error of it.
     """
+    blur, reach, shared = window[0], window[1], window[2]
     laws = np.ascontiguousarray(thetas[:, :TERMS].T)
     before, w, slope = np.zeros(len(thetas)), np.zeros(len(thetas)), np.zeros(len(thetas))
     work = np.zeros((3, len(thetas)))
     r, jitter = np.exp(thetas[:, TERMS + 3]), np.exp(thetas[:, TERMS + 4])
-    # Of each its amplitude, and its variances along the radius and across it.
-    amplitudes = np.zeros(len(thetas), dtype=np.complex128)
-    variances = np.zeros((len(thetas), 2))
+    # Of each its amplitude, the last e that it has in common with the next window, variance and
+    # gains along the radius and across it.
+    amplitudes = np.zeros(thetas.shape[0], dtype=np.complex128)
+    common = amplitudes.copy()
+    states = np.zeros((thetas.shape[0], 6))
     last = 0
     count = 2
     out[:] = 0.0
@@ -168,7 +188,10 @@ def _walk(
                 gain = _blurred(laws, i, u[k], seen, line[k], blur)
                 gain = _blurred(laws, i, u[k], seen / (gain * gain), line[k], blur)
                 amplitudes[i] = phasor[k] * (1.0 / gain)
-                variances[i, 0] = variances[i, 1] = r[i]
+                common[i] = 0.0
+                states[i, 0] = states[i, 3] = r[i]
+                states[i, 1] = states[i, 4] = 1.0
+                states[i, 2] = states[i, 5] = 0.0
                 continue
             turn = amplitudes[i] * (1.0 / before[i])
             # How much of the forcing reaches the mode changes with speed and amplitude.
@@ -179,23 +202,45 @@ def _walk(
             # Deviations grow along the radius as the amplitude, and across it as the turn.
             log = math.log(amplitude / before[i])
             turning = jitter[i] * w[i]
-            log_r = max(min(log + slope[i], 20.0), -40.0)
-            s_r, k_r, variances[i, 0] = _updated(
-                log_r, dt, q, q, beyond[k], variances[i, 0], r[i], reach
+            s_r, k_r, f_r, states[i, 0] = _updated(
+                max(min(log + slope[i], 20.0), -40.0),
+                dt,
+                q,
+                q,
+                beyond[k],
+                states[i, 0],
+                states[i, 1],
+                states[i, 2],
+                r[i],
+                reach,
+                shared,
             )
-            s_t, k_t, variances[i, 1] = _updated(
-                log, dt, q, q + turning, turning * dt, variances[i, 1], r[i], reach
+            s_t, k_t, f_t, states[i, 3] = _updated(
+                log,
+                dt,
+                q,
+                q + turning,
+                turning * dt,
+                states[i, 3],
+                states[i, 4],
+                states[i, 5],
+                r[i],
+                reach,
+                shared,
             )
             if not (s_r > 0.0 and s_t > 0.0):  # no law of a rig: it has no likelihood
                 out[:, k:, :] = math.nan
                 return
-            off = turn.conjugate() * phasor[k]
+            off = turn.conjugate() * (phasor[k] - shared * common[i])
             along = off.real - _blurred(laws, i, u[k], w[i], line[k], blur) * amplitude
             out[i, k, 0] = along / math.sqrt(s_r)
             out[i, k, 1] = off.imag / math.sqrt(s_t)
             out[i, k, 2] = math.log(s_r)
             out[i, k, 3] = math.log(s_t)
             amplitudes[i] = turn * complex(amplitude + k_r * along, k_t * off.imag)
+            common[i] = turn * complex(f_r * along, f_t * off.imag)
+            states[i, 1], states[i, 4] = k_r, k_t
+            states[i, 2], states[i, 5] = f_r, f_t
         last = k
 
 
@@ -234,8 +279,14 @@ def innovations(
         np.full(path.time.size, -1) if cells is None else cells,
         path.beyond,
         path.starts,
-        path.blur,
-        path.reach,
+        np.array([path.blur, path.reach, _shared(path.overlap)]),
         out,
     )
     return out if thetas.ndim > 1 else out[0]
+
+
+def _shared(correlation: float) -> float:
+    """Coefficient b of the moving average e_k + b e_{k-1} of a correlation b / (1 + b^2)."""
+    if correlation == 0.0:
+        return 0.0
+    return (1.0 - math.sqrt(1.0 - 4.0 * correlation**2)) / (2.0 * correlation)

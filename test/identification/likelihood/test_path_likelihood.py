@@ -80,6 +80,21 @@ def test_innovations_are_white_and_of_unit_variance_under_the_true_law():
     assert abs(np.mean(out[1:, 0] * out[:-1, 0])) < 0.02
 
 
+def test_noise_shared_by_overlapping_windows_is_told_from_motion():
+    rng = np.random.default_rng(4)
+    n, step, noise, shared = 20_000, 0.5, 2e-3, 0.1
+    white = rng.standard_normal((n + 1, 2)) @ np.array([1.0, 1.0j])
+    size = noise / np.sqrt(1.0 + shared**2)
+    seen = 0.1 + size * (white[1:] + shared * white[:-1])
+    path = steady_path(seen, step, overlap=shared / (1.0 + shared**2))
+    theta = np.array([*lawful(np.zeros(6)), 0, 0, -32.0, 2 * np.log(noise), -32.0])
+    out = innovations(theta, path)[10:, :2]
+    assert out.std(axis=0) == pytest.approx([1.0, 1.0], abs=0.02)
+    assert abs(np.mean(out[1:, 0] * out[:-1, 0])) < 0.02
+    apart = innovations(theta, replace(path, overlap=0.0))[10:, :2]
+    assert np.mean(apart[1:, 0] * apart[:-1, 0]) > 0.07
+
+
 @pytest.mark.parametrize('more', [(), (0.3, 0.4, 0.2)], ids=['paper', 'further terms'])
 @pytest.mark.parametrize('felt', [1.0, 0.6])
 def test_a_line_beside_hunting_acts_in_the_likelihood_as_in_the_law(more, felt):
@@ -119,6 +134,7 @@ def test_of_what_walks_side_by_side_small_differences_are_right():
         restart,
         blur=0.03,
         reach=0.2,
+        overlap=0.09,
         turn=9.4,
         line=0.01 * (1.0 + np.cos(np.arange(n) / 9.0)),
     )
