@@ -37,7 +37,8 @@ _GAIN = 1e-3
 _LOW, _HIGH = np.full(ALL_TERMS, -np.inf), np.full(ALL_TERMS, np.inf)
 _LOW[SATURATION] = _LOW[FELT] = 0.0
 _HIGH[FELT] = 3.0
-# Forcing that rises with a power of v (d ln Q / du), and with w.
+# Forcing that rises with a power of v (d ln Q / du), and with w: free, v_n is foretold twice as
+# badly from going up alone.
 _HIGH[TERMS : TERMS + 2] = 9.0, 2.0
 _LOW[TERMS : TERMS + 2] = -_HIGH[TERMS : TERMS + 2]
 #: Gain of the log likelihood still in reach at which a fit has converged: it is within a
