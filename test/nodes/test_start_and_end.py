@@ -37,6 +37,8 @@ DEPTH = 'qos_overrides./rig/lateral.subscription.depth'
             {'driver': 'modbus', 'actual_register': 1, 'use_sim_time': True},
             'use_sim_time: a drive that is real runs by the steady clock',
         ),
+        ('roller_speed', {'rate_limit_mps': 0.2}, 'expected amplitude_limit_m'),
+        ('roller_speed', {'emergency_speed_mps': 3.0}, 'none: an emergency stop is a stop'),
         ('roller_speed', {'profile': 'hold.yaml'}, 'step 1 (hold): duration_s: -1.0 is below 0'),
         ('rig_simulator', {'wheelset': 'binary.yaml'}, 'binary.yaml: cannot read it as a rig'),
         ('alarm_outputs', {}, 'none of sound, command and relay_coil'),

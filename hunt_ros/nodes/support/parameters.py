@@ -32,8 +32,14 @@ _ARRAYS = {
     'tuple[int, ...]': Parameter.Type.INTEGER_ARRAY,
 }
 _FIXED, _FORM = 'set at the start only', 'normal_form.'
-#: Parameters of earlier versions: without them a reading would be taken for SI.
-_GONE = {'calibration': 'gain, offset and range', 'scale': 'gain'}
+#: Parameters of earlier versions: without them a reading would be taken for SI, and a limit be
+#: none.
+_GONE = {
+    'calibration': 'gain, offset and range',
+    'scale': 'gain',
+    'rate_limit_mps': 'amplitude_limit_m',
+    'emergency_speed_mps': 'none: an emergency stop is a stop',
+}
 #: Gets the settings by their class as they would be, those that do not change among them.
 Check = Callable[[Mapping[type, Any]], None]
 
