@@ -1,1 +1,1 @@
-"""What a record consists of: its envelope, its holds and transients, and what is wrong with it."""
+"""What a record consists of: its envelope, events and steady states, and what is wrong with it."""
