@@ -106,6 +106,12 @@ def test_the_limit_cycle_is_reached_kept_and_left() -> None:
     assert machine.feed(0.5 * CYCLE, 1.0, hunts=0.01) is State.DECAYING
 
 
+def test_what_grows_for_sure_is_not_on_the_limit_cycle_before_it_is_as_large() -> None:
+    machine = Machine(State.ESCAPING)
+    assert machine.feed(0.95 * CYCLE, 1.0, 100, growth=0.8) is State.ESCAPING
+    assert machine.feed(1.01 * CYCLE, 1.0, HOLD, growth=0.8) is State.LIMIT_CYCLE
+
+
 def test_what_grows_slowly_far_below_the_limit_cycle_of_the_form_is_not_in_it() -> None:
     machine = Machine()
     small = 0.16 * CYCLE  # as steady as a cycle, for a while
