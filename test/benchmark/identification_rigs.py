@@ -98,7 +98,7 @@ def one(task: tuple[int, int]) -> Identification | str:
         found = identify(records(seed), IdentificationSettings(seed=seed, **told))
     except HuntError as refused:
         return str(refused)
-    return replace(found, records=(), envelopes=(), segments=())
+    return replace(found, records=(), envelopes=())
 
 
 def inside(found: Identification, unstable: Mapping[float, float]) -> list[bool]:
