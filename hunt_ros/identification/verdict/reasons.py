@@ -35,7 +35,7 @@ _USUAL: Mapping[str, str] = {
     'steady_states.amplitude_std_m': 'some steady states are too short for a deviation',
     'steady_states': 'the mean of the maxima is taken on plateaus only, over two cycles or more',
     'fit.lack_of_fit_p': 'no motion shows whether the law holds, or the fit has run away',
-    'fit': 'the information of the fit is singular',
+    'fit': 'the fit of the law has not converged',
     'frequency_hz': 'no line stands out',
     'observed.step_mps': 'no jump was observed',
     **dict.fromkeys(('observed.v_n', 'observed.v_n_between_mps'), _NO_JUMP_DOWN),
